@@ -1,0 +1,178 @@
+"""The lowered program: what every backend spells and every simulation runs. No target is known here.
+
+Evaluation: states, parameters, inputs and time are given; `steps` define variables one after another; everything else
+(`derivatives`, `outputs`, `bonds`, `events`, ...) is an expression over those. A backend keeps of the steps what the wanted
+expressions need, computes what reads parameters only once per parameter set, and shares equal nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bgdsl.expr import Expr, Table, leaves
+from bgdsl.ir.graph import Check, Experiment, Origin, Parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """variable := value."""
+
+    variable: str
+    value: Expr
+    origin: Origin
+
+
+@dataclass(frozen=True, slots=True)
+class SolveLinear:
+    """The variables z with A z = b: `entries` are A's structurally nonzero (row, column, value), `right` is b."""
+
+    variables: tuple[str, ...]
+    entries: tuple[tuple[int, int, Expr], ...]
+    right: tuple[Expr, ...]
+    origin: Origin
+    name: str
+    symmetric: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SolveNewton:
+    """The variables z with residuals(z) = 0: `inner` assigns in order what the residuals read beside z; `entries` is the exact
+    Jacobian of the residuals by z (row, column, value); `guesses` start the iteration where no earlier solution is at hand."""
+
+    variables: tuple[str, ...]
+    inner: tuple[Assign, ...]
+    residuals: tuple[Expr, ...]
+    entries: tuple[tuple[int, int, Expr], ...]
+    guesses: tuple[Expr, ...]
+    origin: Origin
+    name: str
+
+
+Step = Assign | SolveLinear | SolveNewton
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A named scalar of the model's surface: a state, an output, an input, a bond."""
+
+    name: str
+    unit: str = ""
+    comment: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sparse:
+    """A matrix by its structurally nonzero entries, sorted by (row, column)."""
+
+    shape: tuple[int, int]
+    entries: tuple[tuple[int, int, Expr], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Jacobian:
+    """Exact derivatives with solved blocks cut out.
+
+    The columns are the n states, then every variable z of the SolveLinear and SolveNewton steps in order; the rows are the n
+    derivatives, then every residual of those steps in order (A z - b for linear ones). With F the first n rows and G the rest,
+    dxdot/dx = F_x - F_z inv(G_z) G_x; G_z is block lower triangular. Without loops it is F_x, ready to use.
+    The entries may read the program's variables.
+    """
+
+    matrix: Sparse
+    states: int
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A function of the state that changes sign where the equations change form."""
+
+    value: Expr
+    origin: Origin
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A compiled model, ready to be spelled.
+
+    parameters: in order, with defaults over earlier ones. starts: initial states over parameters (and over the variables of
+    `initial_steps`, which solve initial equations). outputs: (record, value). bonds: (record, effort, flow), one per scalar
+    component of each flat bond, efforts and flows positive from tail to head. values: every variable that can be asked for by
+    its scalar name, states included. invariants: expressions that stay zero (constraints), dependent: (name, the value its
+    start must have, the start the user gave or None). terms: (effort, flow) expressions for activity are built by that pass.
+    """
+
+    model: str
+    comment: str
+    digest: str
+    parameters: tuple[Parameter, ...]
+    tables: Mapping[str, Table]
+    states: tuple[Record, ...]
+    starts: tuple[Expr, ...]
+    inputs: tuple[Record, ...]
+    steps: tuple[Step, ...]
+    derivatives: tuple[Expr, ...]
+    derivative_origins: tuple[Origin, ...]
+    outputs: tuple[tuple[Record, Expr], ...]
+    bonds: tuple[tuple[Record, Expr, Expr], ...]
+    values: Mapping[str, Expr]
+    jacobian: Jacobian
+    initial_steps: tuple[Step, ...] = ()
+    events: tuple[Event, ...] = ()
+    checks: tuple[Check, ...] = ()
+    invariants: tuple[tuple[Expr, Origin], ...] = ()
+    dependent: tuple[tuple[str, Expr, Expr | None], ...] = ()
+    experiments: tuple[Experiment, ...] = ()
+    sizes: Mapping[str, int] = field(default_factory=dict)
+
+    def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
+        """The steps that the roots need, in order."""
+        wanted = {leaf.data for leaf in leaves(roots)}
+        kept: list[Step] = []
+        for step in reversed(self.steps):
+            if wanted.isdisjoint(defined(step)):
+                continue
+            kept.append(step)
+            wanted |= {leaf.data for leaf in leaves(read(step))}
+        return tuple(reversed(kept))
+
+    def verify(self) -> None:
+        """Assert: each variable is defined once, before it is read."""
+        known = {record.name for record in (*self.states, *self.inputs)}
+        for step in self.steps:
+            own = {assign.variable for assign in step.inner} if isinstance(step, SolveNewton) else set()
+            if not isinstance(step, Assign):
+                own |= set(step.variables) if isinstance(step, SolveNewton) else set()
+            for leaf in leaves(read(step)):
+                assert leaf.data in known or leaf.data in own, f"{leaf.data} is read before it is defined"
+            assert known.isdisjoint(defined(step)), f"{defined(step)} is defined twice"
+            known |= set(defined(step))
+        for leaf in leaves(self.derivatives):
+            assert leaf.data in known, leaf.data
+
+
+def defined(step: Step) -> tuple[str, ...]:
+    """The variables that a step defines."""
+    match step:
+        case Assign():
+            return (step.variable,)
+        case SolveLinear():
+            return step.variables
+        case SolveNewton():
+            return (*step.variables, *(assign.variable for assign in step.inner))
+
+
+def read(step: Step) -> tuple[Expr, ...]:
+    """Every expression of a step."""
+    match step:
+        case Assign():
+            return (step.value,)
+        case SolveLinear():
+            return (*(value for _, _, value in step.entries), *step.right)
+        case SolveNewton():
+            inner = tuple(assign.value for assign in step.inner)
+            return (*inner, *step.residuals, *(value for _, _, value in step.entries), *step.guesses)
+
+
+Target = Literal["numpy", "native"]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from bgdsl.expr import Expr, Table
+from bgdsl.ir.domains import Domain
 from bgdsl.ir.elements import component
 from bgdsl.source import Source, Span
 
@@ -231,7 +232,7 @@ class Instance:
 class BondGraph:
     """A flat model. Everything is in declaration order; names are unique.
 
-    sources: every file read, the model's own first.
+    sources: every file read, the model's own first. domains: those that the model's files define.
     """
 
     model: str
@@ -249,6 +250,7 @@ class BondGraph:
     tables: Mapping[str, Table] = field(default_factory=dict)
     experiments: tuple[Experiment, ...] = ()
     warnings: tuple[str, ...] = ()
+    domains: tuple[Domain, ...] = ()
 
     def verify(self) -> None:
         """Assert the promise of this form: unique names, every bond joins existing ends of matching width, every component

@@ -1,0 +1,68 @@
+"""The application: global options, the commands, and what becomes of an error."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Annotated
+
+import click
+import typer
+
+from bgdsl import __version__
+from bgdsl.cli import console
+from bgdsl.diagnostics import BgError
+
+app = typer.Typer(
+    name="bgc",
+    help="Compile, run, test and reduce bond-graph models written in the .bg language.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(show: bool) -> None:
+    if show:
+        console.out(f"bgc {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Options before the command."""
+    console.debug = debug
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Carry out a command line and return its exit status."""
+    from bgdsl.cli import front, reduce, run, tests  # noqa: F401  (their import registers the commands)
+
+    console.debug = False
+    arguments = list(arguments)
+    if "--debug" in arguments:  # it may stand anywhere
+        arguments.remove("--debug")
+        arguments.insert(0, "--debug")
+    try:
+        result = app(arguments, standalone_mode=False, prog_name="bgc")
+        return result if isinstance(result, int) else 0
+    except BgError as error:
+        console.diagnostics(error.diagnostics)
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.ClickException as error:
+        error.show(sys.stderr)
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        console.message("stopped")
+    except OSError as error:
+        console.message(f"error: {error.strerror or error}: {error.filename}" if error.filename else f"error: {error}")
+    except RecursionError:
+        console.message("error: the model is nested too deeply")
+    if console.debug:
+        traceback.print_exc()
+    return 2

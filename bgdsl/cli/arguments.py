@@ -1,0 +1,99 @@
+"""Arguments that several commands share, and how their texts are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+class Format(StrEnum):
+    """How a result is printed."""
+
+    TEXT = "text"
+    JSON = "json"
+    CSV = "csv"
+
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A .bg file.", show_default=False)]
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help=".bg files, or folders of them.", show_default=False)]
+ModelName = Annotated[str | None, typer.Option("--model", "-m", metavar="M", help="The model; needed where the file has several.")]
+Search = Annotated[list[Path] | None, typer.Option("--path", metavar="DIR", help="A folder where imports are looked for; may be repeated.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a parameter; may be repeated.")]
+ExperimentName = Annotated[str | None, typer.Option("--experiment", "-e", metavar="E", help="A named run of the model.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that this command did not write.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT", help="Where to write the result.")]
+OutputFormat = Annotated[Format, typer.Option("--format", help="How to print the result.")]
+Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="End time in s.")]
+Interval = Annotated[float | None, typer.Option("--interval", metavar="H", help="Time between recorded points in s.")]
+Tolerance = Annotated[float | None, typer.Option("--tolerance", metavar="R", help="Relative and absolute tolerance.")]
+Method = Annotated[str | None, typer.Option("--method", metavar="M", help="cvode-bdf, cvode-adams, lsoda, radau, rk45 or vode-adams.")]
+Window = Annotated[str | None, typer.Option("--window", metavar="T1,T2", help="The interval over which activity is measured.")]
+Inputs = Annotated[Path | None, typer.Option("--inputs", metavar="FILE", help="CSV, netCDF or Parquet with `time` and the model's inputs.")]
+
+
+def settings(texts: Iterable[str] | None) -> dict[str, Any]:
+    """`path=value` texts as a mapping; values are numbers, true/false, arrays `{1,2}` or `[1,2]`, else strings."""
+    result: dict[str, Any] = {}
+    for text in texts or ():
+        path, sign, value = text.partition("=")
+        if not sign or not path.strip() or not value.strip():
+            raise typer.BadParameter(f"`{text}` is not PATH=VALUE", param_hint="--set")
+        result[path.strip()] = _value(value.strip())
+    return result
+
+
+def _value(text: str) -> Any:
+    if text in ("true", "false"):
+        return text == "true"
+    if text[0] in "{[" and text[-1] in "}]":
+        return tuple(_value(part) for part in _parts(text[1:-1]))
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip("\"'")
+
+
+def _parts(text: str) -> list[str]:
+    """The comma-separated parts at the outer level of brackets."""
+    parts, depth = [""], 0
+    for character in text:
+        depth += (character in "{[") - (character in "}]")
+        if character == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return [part.strip() for part in parts if part.strip()]
+
+
+def fraction(text: str, hint: str) -> float:
+    """`0.003` or `0.3%` as a fraction of one, not negative."""
+    number, percent = (text[:-1], 0.01) if text.endswith("%") else (text, 1.0)
+    try:
+        value = float(number) * percent
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < float("inf"):
+        raise typer.BadParameter(f"`{text}` is neither a fraction such as 0.003 nor a percentage such as 0.3%", param_hint=hint)
+    return value
+
+
+def window(text: str | None) -> tuple[float, float] | None:
+    """`T1,T2` as two times."""
+    if text is None:
+        return None
+    try:
+        start, stop = (float(part) for part in text.split(","))
+    except ValueError:
+        start, stop = 1.0, 0.0
+    if not start < stop:
+        raise typer.BadParameter(f"`{text}` is not two times T1,T2 with T1 < T2", param_hint="--window")
+    return start, stop
+
+
+def names(text: str | None) -> tuple[str, ...] | None:
+    """`a,b[1,2],c` as names; commas within brackets belong to the name."""
+    return None if text is None else tuple(_parts(text))

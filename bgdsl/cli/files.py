@@ -1,0 +1,40 @@
+"""Writing result files: whole or not at all, and never over something that this tool did not write."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+
+def write(path: Path, text: str, *, ours: Callable[[str], bool], force: bool) -> None:
+    """Put `text` at `path` by renaming a temporary file. An existing file is replaced where `ours` recognises its text, or with `force`."""
+    if path.exists() and not force and not ours(_start(path)):
+        raise click.ClickException(f"{path} exists and was not written by this command; --force replaces it")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _start(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.read(65536)
+    except OSError as error:
+        raise click.ClickException(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,129 @@
+"""`bgc check`, `fmt`, `show`, `explain`: what the compiler says about a source."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bgdsl.cli import arguments as arg
+from bgdsl.cli import console
+from bgdsl.cli.app import app
+from bgdsl.diagnostics import BgError, Diagnostic, Reporter
+
+
+def sources(paths: Iterable[Path]) -> Iterator[Path]:
+    """The files named, and every `.bg` file in the folders named, in order of name."""
+    for path in paths:
+        yield from (sorted(path.rglob("*.bg")) if path.is_dir() else (path,))
+
+
+@app.command()
+def check(
+    files: arg.Files,
+    model: arg.ModelName = None,
+    path: arg.Search = None,
+    set_: arg.Set = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Check syntax, names, domains, units, causality and structure, and print all findings."""
+    from bgdsl import pipeline
+
+    found: list[Diagnostic] = []
+    for file in sources(files):
+        found += pipeline.check_file(file, model=model, search=path or (), overrides=arg.settings(set_))
+    console.as_json = format is arg.Format.JSON
+    console.diagnostics(found)
+    console.as_json = False
+    errors = sum(d.severity == "error" for d in found)
+    if format is arg.Format.TEXT and found:
+        console.message(f"\n{errors} error{'s' * (errors != 1)}, {len(found) - errors} warning{'s' * (len(found) - errors != 1)}")
+    return 2 if errors else 0
+
+
+@app.command()
+def fmt(
+    files: arg.Files,
+    check: Annotated[bool, typer.Option("--check", help="Change nothing; status 1 if a file is not formatted.")] = False,
+    diff: Annotated[bool, typer.Option("--diff", help="Show what would change.")] = False,
+) -> int:
+    """Bring files into the canonical layout; every comment stays."""
+    from bgdsl.cli.files import write
+    from bgdsl.syntax.formatter import format_source
+    from bgdsl.syntax.parser import read_source
+
+    unformatted = failed = 0
+    for file in sources(files):
+        report = Reporter()
+        try:
+            source = read_source(file, report)
+            text = format_source(source, report)
+            report.stop_if_errors()
+        except BgError as error:
+            console.diagnostics(error.diagnostics)
+            failed += 1
+            continue
+        if text == source.text:
+            continue
+        unformatted += 1
+        if diff:
+            lines = difflib.unified_diff(source.text.splitlines(True), text.splitlines(True), str(file), str(file))
+            console.out("".join(lines))
+        if check:
+            console.message(f"would reformat {file}")
+        elif not diff:
+            write(file, text, ours=lambda _: True, force=True)
+            console.message(f"reformatted {file}")
+    return 2 if failed else int(check and unformatted > 0)
+
+
+VIEWS = ("tree", "bonds", "causality", "equations", "states")
+
+
+@app.command()
+def show(
+    file: arg.File,
+    model: arg.ModelName = None,
+    what: Annotated[str, typer.Option("--what", metavar="WHAT", help=f"Any of {','.join(VIEWS)}.")] = "tree,causality,states",
+    path: arg.Search = None,
+    set_: arg.Set = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Show what the compiler made of a model."""
+    from bgdsl import pipeline
+    from bgdsl.show import VIEWS as RENDER
+
+    wanted = [part.strip() for part in what.split(",")]
+    if unknown := [part for part in wanted if part not in VIEWS]:
+        raise typer.BadParameter(f"`{unknown[0]}` is none of {', '.join(VIEWS)}", param_hint="--what")
+    loaded = pipeline.load(file, model, search=path or (), overrides=arg.settings(set_))
+    views = {part: RENDER[part](loaded) for part in wanted}
+    if format is arg.Format.JSON:
+        console.out_json({"model": loaded.name, **views})
+        return 0
+    console.out("\n\n".join("\n".join([f"{part} of {loaded.name}", *("  " + line for line in views[part])]) for part in wanted))
+    console.diagnostics(loaded.warnings)
+    return 0
+
+
+@app.command()
+def explain(
+    code: Annotated[str | None, typer.Argument(metavar="CODE", help="A diagnostic's code, such as BG401.", show_default=False)] = None,
+) -> int:
+    """Say what a diagnostic's code means, with an example and the cure; without a code, list all of them."""
+    from bgdsl.explanations import explanation, titles
+
+    if code is None:
+        console.out("\n".join(f"{number}  {title}" for number, title in titles().items()))
+        return 0
+    text = explanation(code.upper())
+    if text is None:
+        close = difflib.get_close_matches(code.upper(), titles(), n=3)
+        hint = f"; close to it are {', '.join(close)}" if close else "; `bgc explain` lists all codes"
+        console.message(f"error: there is no code {code}{hint}")
+        return 2
+    console.out(text)
+    return 0

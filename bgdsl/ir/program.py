@@ -7,8 +7,9 @@ expressions need, computes what reads parameters only once per parameter set, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 from bgdsl.expr import Expr, Table, leaves
@@ -92,7 +93,7 @@ class Event:
     origin: Origin
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Program:
     """A compiled model, ready to be spelled.
 
@@ -101,6 +102,9 @@ class Program:
     component of each flat bond, efforts and flows positive from tail to head. values: every variable that can be asked for by
     its scalar name, states included. invariants: expressions that stay zero (constraints), dependent: (name, the value its
     start must have, the start the user gave or None). terms: (effort, flow) expressions for activity are built by that pass.
+
+    `differentiate` makes the Jacobian of a program (`passes/differentiate.py`). Read it as `program.jacobian`: it is computed
+    when first asked for and kept, since a run with an Adams method, or a listing, has no need of it.
     """
 
     model: str
@@ -117,7 +121,7 @@ class Program:
     outputs: tuple[tuple[Record, Expr], ...]
     bonds: tuple[tuple[Record, Expr, Expr], ...]
     values: Mapping[str, Expr]
-    jacobian: Jacobian
+    differentiate: Callable[[Program], Jacobian]
     initial_steps: tuple[Step, ...] = ()
     events: tuple[Event, ...] = ()
     checks: tuple[Check, ...] = ()
@@ -125,6 +129,11 @@ class Program:
     dependent: tuple[tuple[str, Expr, Expr | None], ...] = ()
     experiments: tuple[Experiment, ...] = ()
     sizes: Mapping[str, int] = field(default_factory=dict)
+
+    @cached_property
+    def jacobian(self) -> Jacobian:
+        """The exact derivatives of the state derivatives and of the solved blocks."""
+        return self.differentiate(self)
 
     def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
         """The steps that the roots need, in order."""

@@ -111,7 +111,8 @@ class Bond:
     """Positive power flows from `tail` to `head`. `size` None is scalar.
 
     A bond that runs through ports is the fusion of several statements: `name` is that of the statement nearest to its
-    head, `aliases` are the other names, `origins` all the statements from tail to head.
+    head, `aliases` are the other names, `origins` all the statements from tail to head. `declared`: the domain of each model
+    port on the way, with the place of its declaration.
     """
 
     name: str
@@ -122,6 +123,7 @@ class Bond:
     aliases: tuple[str, ...] = ()
     stroke: Literal["tail", "head"] | None = None
     domain: str = "Generic"
+    declared: tuple[tuple[str, Origin], ...] = ()
 
     @property
     def width(self) -> int:

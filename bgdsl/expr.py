@@ -11,7 +11,7 @@ sympy is used for inverting single laws only, and only in this module.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
@@ -374,19 +374,22 @@ class Table:
 # -------------------------------------------------------------------------------------------------------------- walking
 
 
-def topological(roots: Iterable[Expr]) -> Iterator[Expr]:
-    """Every node under the roots once, operands before users, in an order fixed by the roots alone."""
+def topological(roots: Iterable[Expr], done: Container[Expr] = ()) -> Iterator[Expr]:
+    """Every node under the roots once, operands before users, in an order fixed by the roots alone.
+
+    Nodes in `done`, and what only they reach, are left out; the caller may add to it what was yielded.
+    """
     seen: set[Expr] = set()
     for root in roots:
-        if root in seen:
+        if root in seen or root in done:
             continue
         stack: list[tuple[Expr, int]] = [(root, 0)]
         while stack:
             node, i = stack.pop()
-            if i == 0 and node in seen:
+            if i == 0 and (node in seen or node in done):
                 continue
             args = node.args
-            while i < len(args) and args[i] in seen:
+            while i < len(args) and (args[i] in seen or args[i] in done):
                 i += 1
             if i < len(args):
                 stack.append((node, i + 1))

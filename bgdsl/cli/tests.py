@@ -1,0 +1,63 @@
+"""`bgc test`: carry out the `test` blocks of `.bg` files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bgdsl.cli import arguments as arg
+from bgdsl.cli import console
+from bgdsl.cli.app import app
+from bgdsl.diagnostics import BgError, Diagnostic
+
+
+@app.command()
+def test(
+    paths: Annotated[list[Path] | None, typer.Argument(metavar="[PATH...]", help="Files or folders; otherwise this folder.")] = None,
+    only: Annotated[str | None, typer.Option("-k", metavar="TEXT", help="Only tests whose name contains TEXT.")] = None,
+    path: arg.Search = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Run the tests in .bg files; status 1 if one fails."""
+    from bgdsl.testing.runner import Outcome, collect, run_file
+
+    outcomes: list[Outcome] = []
+    unreadable: list[Diagnostic] = []
+    for file in collect(paths or [Path()]):
+        try:
+            found = run_file(file, search=path or (), only=only)
+        except BgError as error:
+            unreadable += error.diagnostics
+            continue
+        outcomes += found
+        if format is arg.Format.TEXT:
+            for outcome in found:
+                mark = "passed" if outcome.passed else "ERROR " if outcome.error else "FAILED"
+                console.out(f"{mark}  {outcome.file}: {outcome.name}  ({outcome.seconds:.2f} s)")
+                console.diagnostics(outcome.findings)
+    failed = sum(not outcome.passed for outcome in outcomes)
+    if format is arg.Format.JSON:
+        console.out_json(_document(outcomes))
+    else:
+        console.out(f"{len(outcomes) - failed} passed, {failed} failed")
+    console.diagnostics(unreadable)
+    return 2 if unreadable else int(failed > 0)
+
+
+def _document(outcomes: list) -> dict[str, object]:  # type: ignore[type-arg]
+    return {
+        "passed": sum(o.passed for o in outcomes),
+        "failed": sum(not o.passed for o in outcomes),
+        "tests": [
+            {
+                "file": str(o.file),
+                "name": o.name,
+                "passed": o.passed,
+                "seconds": o.seconds,
+                "findings": [{"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text} for d in o.findings],
+            }
+            for o in outcomes
+        ],
+    }

@@ -1,0 +1,69 @@
+"""Every code block in the README and in docs/ is run.
+
+A page is a story: its blocks run in order in one folder. ```bg blocks are files: `// file: name.bg` as first line names them (else each gets
+a name of its own), and they must pass `bgc check`; ```python blocks run; in ```console blocks the lines after `$ ` are commands (`bgc`, `cat`), and what they
+print must match what the page shows, where a line `...` stands for any lines and `~` before a number's tail for any digits.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bgdsl import pipeline
+from bgdsl.cli.app import run
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SHOWN = {"text", "json", "toml", "sh"}  # pictures and shapes, not to be run
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(ROOT / "models", tmp_path / "models")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for i, match in enumerate(BLOCK.finditer(page.read_text("utf-8"))):
+        language, text = match[1], match[2]
+        if language == "bg":
+            named = re.match(r"// file: (\S+)\n", text)
+            file = tmp_path / (named[1] if named else f"block{i}.bg")
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, "utf-8")
+            assert [d.message for d in pipeline.check_file(file) if d.severity == "error"] == []
+        elif language == "python":
+            exec(compile(text, f"{page.name} block {i}", "exec"), names)
+            capsys.readouterr()
+        elif language == "console":
+            _console(text, capsys)
+        else:
+            assert language in SHOWN, f"a block in `{language}` is neither run nor known to be a picture"
+
+
+def _console(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n?)*)", text, re.MULTILINE):
+        words = shlex.split(command, comments=True)
+        capsys.readouterr()
+        if words[0] == "cat":
+            printed = Path(words[1]).read_text("utf-8")
+        else:
+            assert words[0] == "bgc", command
+            run(words[1:])
+            streams = capsys.readouterr()
+            printed = streams.out + streams.err
+        assert re.fullmatch(_pattern(shown), printed.strip() + "\n"), f"$ {command}\n{printed}"
+
+
+def _pattern(shown: str) -> str:
+    lines = []
+    for line in shown.strip().splitlines():
+        if line.strip() == "...":
+            lines.append(r"(?:.*\n)*?")
+        else:
+            lines.append(re.sub(r"~(?:\\?[\d.])+", r"[-+\\d.e]+", re.escape(line.rstrip()).replace(r"\~", "~")) + r" *\n")
+    return "".join(lines) or r"(?:.*\n)*"

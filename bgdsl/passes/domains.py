@@ -42,9 +42,7 @@ def check_domains(graph: BondGraph, report: Reporter) -> BondGraph:
 
 def _declares(graph: BondGraph) -> bool:
     """Whether any port declares a domain; most small models declare none."""
-    return any(bond.declared for bond in graph.bonds) or any(
-        port.domain != GENERIC for element in graph.elements for port in element.ports
-    )
+    return any(bond.declared for bond in graph.bonds) or any(port.domain != GENERIC for element in graph.elements for port in element.ports)
 
 
 def _join(bond: Bond, regions: Regions, claims: dict[int, Claim], report: Reporter) -> None:
@@ -52,11 +50,9 @@ def _join(bond: Bond, regions: Regions, claims: dict[int, Claim], report: Report
     reported = False
     for tail, head in zip(regions.at(bond.tail), regions.at(bond.head), strict=True):
         one, other = regions.find(tail), regions.find(head)
-        if one == other:
-            continue
         found = [claims[one]] if one in claims else []
         found += [claim for claim in bond.declared if claim[0] != GENERIC]
-        found += [claims[other]] if other in claims else []
+        found += [claims[other]] if other in claims and other != one else []
         clash = next((claim for claim in found if claim[0] != found[0][0]), None)
         if clash is not None:
             if not reported:

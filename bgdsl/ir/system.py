@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from bgdsl.expr import Expr, Table
-from bgdsl.ir.graph import BondGraph, Check, Origin, SignalEquation
+from bgdsl.expr import Expr, leaves
+from bgdsl.ir.graph import BondGraph, Origin, SignalEquation
 
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """left = right; `assigned` is the unknown that causality gives it (then `left` is that variable), None where open.
+    """left = right; `assigned` is the unknown that causality gives it (then `left` is that variable and `right` does not read
+    it), None where open.
 
     element: the flat element, junction or signal that states it, for messages.
     """
@@ -26,23 +27,25 @@ class Equation:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state x; its derivative is the unknown `der(x)`. start: over parameters."""
+    """A state x; its derivative is the unknown `der(x)`. start: over parameters, None where it is to be solved for."""
 
     name: str
-    start: Expr
+    start: Expr | None
     unit: str
     comment: str
     origin: Origin
     kind: Literal["p", "q", "signal", "energy"]
+    fixed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class EquationSystem:
     """As many equations as unknowns; states, parameters, inputs and time are known.
 
-    values: variables that are no unknowns but expressions of them (aliases, bond efforts and flows), by scalar name.
-    dependent: variables of storages in derivative causality with the value their start must agree with.
-    invariants: residuals that the equations keep at zero (differentiated constraints), for projection.
+    values: every variable that is no unknown but an expression of them (aliases, bond efforts and flows, powers, energies), by
+    scalar name; made when asked for. dependent: storages in derivative causality, by the name of their p or q, with the start the user gave or None; that
+    variable is an unknown. invariants: residuals that the equations keep at zero (differentiated constraints), for projection.
+    initial: the initial equations, over states and unknowns. guesses: where Newton iterations for an unknown begin.
     """
 
     graph: BondGraph
@@ -50,15 +53,20 @@ class EquationSystem:
     unknowns: tuple[str, ...]
     equations: tuple[Equation, ...]
     values: Mapping[str, Expr]
-    dependent: Mapping[str, Expr] = field(default_factory=dict)
+    dependent: Mapping[str, Expr | None] = field(default_factory=dict)
     invariants: tuple[Equation, ...] = ()
     initial: tuple[SignalEquation, ...] = ()
+    guesses: Mapping[str, Expr] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Equations solved together for as many unknowns. One equation assigned to its unknown is a plain assignment; else
-    `torn` are the unknowns guessed, the others following by assignment in the order given, the last equations being residuals."""
+    """n equations solved together for n unknowns, k of them torn.
+
+    The first n - k equations are assignments, in order, to the first n - k unknowns, reading the torn ones; the last k
+    equations are residuals and the last k unknowns the torn ones (`torn`). A block of one assignment has no tears.
+    linear: the residuals are linear in the torn unknowns, coefficients free of the block's unknowns.
+    """
 
     equations: tuple[Equation, ...]
     unknowns: tuple[str, ...]
@@ -73,5 +81,25 @@ class SortedSystem:
     system: EquationSystem
     blocks: tuple[Block, ...]
 
+    def verify(self) -> None:
+        """Assert: each unknown is solved in exactly one block; a block reads only its own unknowns and earlier ones."""
+        unknowns = set(self.system.unknowns)
+        known: set[str] = set()
+        for block in self.blocks:
+            assert len(block.equations) == len(block.unknowns)
+            assert known.isdisjoint(block.unknowns), block.unknowns
+            known |= set(block.unknowns)
+            for row in incidence(block.equations, self.system.unknowns):
+                assert all(self.system.unknowns[j] in known for j in row), block.unknowns
+        assert known == unknowns, unknowns - known
 
-__all__ = ["Block", "Check", "Equation", "EquationSystem", "SortedSystem", "State", "Table"]
+
+def derivative_name(variable: str) -> str:
+    """The name of the unknown that is the time derivative of a variable."""
+    return f"der({variable})"
+
+
+def incidence(equations: Iterable[Equation], unknowns: Sequence[str]) -> list[list[int]]:
+    """For each equation the numbers of the unknowns that it reads, the assigned one first."""
+    number = {name: j for j, name in enumerate(unknowns)}
+    return [[number[leaf.data] for leaf in leaves((e.left, e.right)) if leaf.data in number] for e in equations]

@@ -19,10 +19,16 @@ from bgdsl.source import Source, Span
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a flat thing comes from: the instance whose class wrote it ("" for the model itself) and the place in the text."""
+    """Where a flat thing comes from: the instance whose class wrote it ("" for the model itself) and the place in the text.
+
+    Of a bond, so that a reduction finds the very link again: `link` is (number of the arrow in its chain, number of the end in
+    its fan), both from 0, and `loop` the values of the iterators of the `for` statements around it, outermost first.
+    """
 
     path: str
     span: Span
+    link: tuple[int, int] | None = None
+    loop: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +241,7 @@ class BondGraph:
     """A flat model. Everything is in declaration order; names are unique.
 
     sources: every file read, the model's own first. domains: those that the model's files define.
+    units: of storages' states by scalar name, as far as the unit check found them.
     """
 
     model: str
@@ -253,6 +260,7 @@ class BondGraph:
     experiments: tuple[Experiment, ...] = ()
     warnings: tuple[str, ...] = ()
     domains: tuple[Domain, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def verify(self) -> None:
         """Assert the promise of this form: unique names, every bond joins existing ends of matching width, every component

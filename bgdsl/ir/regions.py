@@ -26,6 +26,11 @@ class Regions:
                 count += port.width
         self._parents = list(range(count))
 
+    @property
+    def count(self) -> int:
+        """How many places there are."""
+        return len(self._parents)
+
     def place(self, node: str, port: int = 0, component: int = 0) -> int:
         """The number of a place (components from 0)."""
         return self._places[node, port] + component

@@ -102,7 +102,7 @@ def _check_finite(scalar: ScalarGraph, wanted: Integrands, integrals: Sequence[f
     bad = {k for k, value in enumerate(integrals) if not math.isfinite(value)}
     for term, k in zip(scalar.terms, wanted.power, strict=True):
         if k in bad:
-            name, where = term_name(scalar, term), scalar.junctions[term.junction].name
+            name, where = term_name(term), scalar.junctions[term.junction].name
             report.fail(
                 NOT_FINITE,
                 f"the activity of `{name}` at `{where}` is not a number",
@@ -140,21 +140,19 @@ def _term(term: Term, name: str, activity: float, rho: float, strength: float) -
     return TermActivity(term.index, name, term.bond, term.entry, term.element, activity, rho, strength, term.parasitic, term.origin.span)
 
 
-def term_name(scalar: ScalarGraph, term: Term) -> str:
+def term_name(term: Term) -> str:
     """What a term is called at its junction: its element with entry or component, else its bond with component."""
+    if term.entry is not None:
+        return f"{term.element}[{term.entry[0] + 1},{term.entry[1] + 1}]"
+    if term.other is not None and not term.is_two_port:
+        return term.bond if term.component is None else f"{term.bond}[{term.component + 1}]"
     base = term.element or term.bond
-    if term.entry is not None and (term.entry != (0, 0) or _is_matrix(scalar, term)):
-        return f"{base}[{term.entry[0] + 1},{term.entry[1] + 1}]"
-    return base if term.component is None else f"{base}[{term.component + 1}]"
-
-
-def _is_matrix(scalar: ScalarGraph, term: Term) -> bool:
-    return term.component is not None or "[" in scalar.junctions[term.junction].name
+    return base if term.component is None else f"{base}[{term.spot + 1}]"
 
 
 def unique_names(scalar: ScalarGraph, at: Iterable[int]) -> dict[int, str]:
     """Names of the terms of one junction; where two would be alike (two ends of one element), the port is added."""
-    names = {t: term_name(scalar, scalar.terms[t]) for t in at}
+    names = {t: term_name(scalar.terms[t]) for t in at}
     counts: dict[str, int] = {}
     for name in names.values():
         counts[name] = counts.get(name, 0) + 1

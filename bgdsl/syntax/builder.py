@@ -47,6 +47,7 @@ class TreeBuilder:
     def __init__(self, source: Source, report: Reporter):
         self.source = source
         self.report = report
+        self.in_test = False
 
     def action(self, name: str) -> Callable[..., Any]:
         found: Callable[..., Any] = getattr(self, name)
@@ -236,8 +237,13 @@ class TreeBuilder:
 
     # ----------------------------------------------------------------------------------------------------------- tests
 
+    def test_name(self, _: Span, name: str) -> str:
+        self.in_test = True
+        return unescape(name)
+
     def test(self, at: Span, name: str, statements: Any) -> ast.Test:
-        return ast.Test(unescape(name), statements, span=at)
+        self.in_test = False
+        return ast.Test(name, statements, span=at)
 
     def run(self, at: Span, name: str, model: ast.Reference, arguments: Any, options: Any) -> ast.RunStatement:
         file = arguments if isinstance(arguments, str) else None
@@ -270,12 +276,14 @@ class TreeBuilder:
             say.run_option(self.report, at, name, did_you_mean(name, say.RUN_OPTIONS))
         return name, value
 
-    def test_assertion(self, at: Span, condition: Any, tolerance: Any, message: str | None) -> ast.TestAssertion:
-        value, relative = tolerance or (None, False)
-        return ast.TestAssertion(condition, value, relative, _string(message), span=at)
-
-    def tolerance(self, _: Span, value: ast.Expression, percent: str | None) -> tuple[ast.Expression, bool]:
-        return value, percent is not None
+    def test_assertion(self, at: Span, condition: Any, percent: str | None, message: str | None) -> ast.TestAssertion:
+        match condition:
+            case ast.Binary(relation, left, ast.Binary("+-", wanted, tolerance)):
+                compared = ast.Binary(relation, left, wanted, span=left.span.to(wanted.span))
+                return ast.TestAssertion(compared, tolerance, percent is not None, _string(message), span=at)
+        if percent is not None:
+            say.percent(self.report, condition)
+        return ast.TestAssertion(condition, None, False, _string(message), span=at)
 
     def expect_error(self, at: Span, code: str, model: ast.Reference, arguments: Any) -> ast.ExpectError:
         return ast.ExpectError(code, model, arguments or (), span=at)
@@ -289,6 +297,9 @@ class TreeBuilder:
         return ast.If(((condition, then), *branches), otherwise, span=at)
 
     def binary(self, at: Span, left: Any, operator: str, right: Any) -> ast.Binary:
+        if operator == "+-" and not self.in_test:
+            start = at.start + at.text.index("+-", left.span.end - at.start) + 1
+            return ast.Binary("+", left, ast.Unary("-", right, span=Span(self.source, start, at.end)), span=at)
         return ast.Binary(operator, left, right, span=at)
 
     def unary(self, at: Span, operator: str, operand: Any) -> ast.Unary:

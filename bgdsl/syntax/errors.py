@@ -105,3 +105,9 @@ def file_of_model(report: Reporter, at: Span, name: str) -> None:
     report.add(
         UNEXPECTED, f"`{name}` takes modifications, not a string", at, 'only `csv("file.csv")` reads a file', helps=["write `name = value`"]
     )
+
+
+def percent(report: Reporter, condition: ast.Expression) -> None:
+    report.add(
+        UNEXPECTED, "`%` belongs to a tolerance", condition.span, "no tolerance here", helps=["write `assert x == wanted +- 2 %;`"]
+    )

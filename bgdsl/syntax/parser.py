@@ -8,7 +8,10 @@ Reports      BG101 ... BG116, see `errors.py`
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bgdsl.diagnostics import Reporter
@@ -26,17 +29,26 @@ def parse(source: Source, report: Reporter) -> ast.File:
 
     def recover(machine: Machine) -> bool:
         kind, text, start = machine.token
-        if text == "+-":  # in a model it is two signs, `a +-b`
-            machine.token = ("PLUS", "+", start)
-            machine.pending.insert(0, ("MINUS", "-", start + 1))
-            return True
         report.add(errors.UNEXPECTED, f"unexpected `{text}`", Span(source, start, start + len(text)))
         return False
 
-    tree: ast.File | None = machine.run(recover)
+    with _without_collection():
+        tree: ast.File | None = machine.run(recover)
     items = tree.items if tree else ()
     comments = tuple(ast.Comment(source.text[a:b], span=Span(source, a, b)) for a, b in tokens.comments)
     return ast.File(items, comments, span=Span(source, 0, len(source.text)))
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Building a tree makes many objects and no cycles: looking for garbage among them again and again would take longer."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def read_source(path: Path | str, report: Reporter) -> Source:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from bgdsl.diagnostics import Reporter, did_you_mean
 from bgdsl.source import Source, Span
@@ -18,10 +18,9 @@ from bgdsl.syntax import errors as say
 
 REDUCTIONS = ("sum", "product", "min", "max")
 _ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v": "\v"}
-_ARROWS = {
-    sign: ast.Arrow(sign.strip("|") == "=>", stroke, span=Span(Source("", ""), 0, 0))
-    for sign, stroke in (("->", None), ("=>", None), ("->|", "head"), ("=>|", "head"), ("|->", "tail"), ("|=>", "tail"))
-}
+_STROKES: dict[str, Literal["tail", "head"] | None] = {
+    "->": None, "=>": None, "->|": "head", "=>|": "head", "|->": "tail", "|=>": "tail",
+}  # fmt: skip
 
 
 class Ended(NamedTuple):
@@ -129,9 +128,7 @@ class TreeBuilder:
     def parameter(self, at: Span, name: str, dims: Any) -> ast.Declarator:
         return ast.Declarator(name, dims or (), span=at)
 
-    def long_function(
-        self, at: Span, name: str, comment: str | None, declarations: Any, algorithm: Any, end: Ended
-    ) -> ast.LongFunction:
+    def long_function(self, at: Span, name: str, comment: str | None, declarations: Any, algorithm: Any, end: Ended) -> ast.LongFunction:
         self.closed(at, "function", name, end)
         return ast.LongFunction(name, _string(comment), declarations, algorithm, span=at)
 
@@ -141,18 +138,14 @@ class TreeBuilder:
     def for_assign(self, at: Span, iterators: Any, body: Any) -> ast.ForAssign:
         return ast.ForAssign(iterators, body, span=at)
 
-    def type_definition(
-        self, at: Span, name: str, of: ast.TypeName, arguments: Any, comment: str | None
-    ) -> ast.TypeDefinition:
+    def type_definition(self, at: Span, name: str, of: ast.TypeName, arguments: Any, comment: str | None) -> ast.TypeDefinition:
         return ast.TypeDefinition(name, of, arguments or (), _string(comment), span=at)
 
     def domain(self, at: Span, name: str, comment: str | None, variables: Any, end: Ended) -> ast.Domain:
         self.closed(at, "domain", name, end)
         return ast.Domain(name, _string(comment), variables, span=at)
 
-    def domain_variable(
-        self, at: Span, role: Any, kind: str, name: str, arguments: Any, comment: str | None
-    ) -> ast.DomainVariable:
+    def domain_variable(self, at: Span, role: Any, kind: str, name: str, arguments: Any, comment: str | None) -> ast.DomainVariable:
         if kind != "Real":
             say.domain_variable_type(self.report, at, role, kind)
         return ast.DomainVariable(role, name, arguments or (), _string(comment), span=at)
@@ -173,9 +166,7 @@ class TreeBuilder:
             return ast.Reference((ast.Part(names[0], span=at),), span=at)
         return ast.Reference(tuple(ast.Part(name, span=at) for name in names), span=at)
 
-    def declarator(
-        self, at: Span, name: str, dims: Any, arguments: Any, value: Any, condition: Any, comment: str | None
-    ) -> ast.Declarator:
+    def declarator(self, at: Span, name: str, dims: Any, arguments: Any, value: Any, condition: Any, comment: str | None) -> ast.Declarator:
         return ast.Declarator(name, dims or (), arguments or (), value, condition, _string(comment), span=at)
 
     def modifier(self, at: Span, flags: Any, name: ast.Reference, nested: Any, value: Any) -> ast.Modifier:
@@ -208,8 +199,7 @@ class TreeBuilder:
         return chain  # type: ignore[no-any-return]
 
     def arrow(self, at: Span, sign: str) -> ast.Arrow:
-        model = _ARROWS[sign]
-        return ast.Arrow(model.vector, model.stroke, span=at)
+        return ast.Arrow("=" in sign, _STROKES[sign], span=at)
 
     def equation(self, at: Span, left: ast.Expression, right: ast.Expression, comment: str | None) -> ast.Equation:
         return ast.Equation(left, right, _string(comment), span=at)

@@ -108,6 +108,4 @@ def file_of_model(report: Reporter, at: Span, name: str) -> None:
 
 
 def percent(report: Reporter, condition: ast.Expression) -> None:
-    report.add(
-        UNEXPECTED, "`%` belongs to a tolerance", condition.span, "no tolerance here", helps=["write `assert x == wanted +- 2 %;`"]
-    )
+    report.add(UNEXPECTED, "`%` belongs to a tolerance", condition.span, "no tolerance here", helps=["write `assert x == wanted +- 2 %;`"])

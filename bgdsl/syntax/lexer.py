@@ -13,9 +13,7 @@ from functools import cache
 
 from bgdsl.syntax.tables import tables
 
-RESERVED = frozenset(
-    ["and", "or", "not", "if", "then", "elseif", "else", "for", "loop", "end", "equation", "true", "false"]
-)
+RESERVED = frozenset(["and", "or", "not", "if", "then", "elseif", "else", "for", "loop", "end", "equation", "true", "false"])
 """Words that are never names; every other keyword is a name wherever the grammar does not ask for it."""
 
 FOREIGN_SIGNS = ("!=", "&&", "||", "**", "===", "~=", "!", "<-", "==>", "-->", "&", "#", "'", "<->", "<=>", "++", "--", "+=", "-=", "*=")

@@ -104,7 +104,7 @@ def _build(grammar: str) -> dict[str, Any]:
     from lark import Lark
 
     lark = Lark(grammar, parser="lalr", lexer="contextual", start="file", maybe_placeholders=True)
-    table: Any = lark.parser.parser._parse_table  # type: ignore[union-attr]
+    table: Any = lark.parser.parser._parse_table
     numbers = {rule: number for number, rule in enumerate(lark.rules)}
 
     def action(entry: Any) -> int:

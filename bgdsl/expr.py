@@ -35,6 +35,7 @@ __all__ = [
     "param",
     "partials",
     "relation",
+    "rewrite",
     "substitute",
     "table",
     "to_text",
@@ -429,11 +430,14 @@ def rebuild(node: Expr, args: tuple[Expr, ...]) -> Expr:
 
 def substitute(roots: Iterable[Expr], replacement: Mapping[Expr, Expr]) -> tuple[Expr, ...]:
     """The roots with every node that is a key replaced by its value (values are not searched again)."""
+    return rewrite(roots, dict(replacement))
+
+
+def rewrite(roots: Iterable[Expr], done: dict[Expr, Expr]) -> tuple[Expr, ...]:
+    """As `substitute`; every node met is added to `done`, so that later calls with the same one go on from there."""
     roots = tuple(roots)
-    done: dict[Expr, Expr] = dict(replacement)
-    for node in topological(roots):
-        if node not in done:
-            done[node] = rebuild(node, tuple(done[arg] for arg in node.args)) if node.args else node
+    for node in topological(roots, done):
+        done[node] = rebuild(node, tuple(done[arg] for arg in node.args)) if node.args else node
     return tuple(done[root] for root in roots)
 
 

@@ -7,7 +7,7 @@ expressions need, computes what reads parameters only once per parameter set, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -98,7 +98,8 @@ class Program:
     """A compiled model, ready to be spelled.
 
     parameters: in order, with defaults over earlier ones. starts: initial states over parameters (and over the variables of
-    `initial_steps`, which solve initial equations). outputs: (record, value). bonds: (record, effort, flow), one per scalar
+    `initial_steps`, which solve initial equations; they read parameters, time and what they define themselves, the other
+    states included). outputs: (record, value). bonds: (record, effort, flow), one per scalar
     component of each flat bond, efforts and flows positive from tail to head. values: every variable that can be asked for by
     its scalar name, states included. invariants: expressions that stay zero (constraints), dependent: (name, the value its
     start must have, the start the user gave or None). terms: (effort, flow) expressions for activity are built by that pass.
@@ -137,14 +138,7 @@ class Program:
 
     def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
         """The steps that the roots need, in order."""
-        wanted = {leaf.data for leaf in leaves(roots)}
-        kept: list[Step] = []
-        for step in reversed(self.steps):
-            if wanted.isdisjoint(defined(step)):
-                continue
-            kept.append(step)
-            wanted |= {leaf.data for leaf in leaves(read(step))}
-        return tuple(reversed(kept))
+        return needed(self.steps, roots)
 
     def verify(self) -> None:
         """Assert: each variable is defined once, before it is read."""
@@ -159,6 +153,17 @@ class Program:
             known |= set(defined(step))
         for leaf in leaves(self.derivatives):
             assert leaf.data in known, leaf.data
+
+
+def needed(steps: Sequence[Step], roots: Iterable[Expr]) -> tuple[Step, ...]:
+    """Those of the steps that the roots need, in order."""
+    wanted = {leaf.data for leaf in leaves(roots)}
+    kept: list[Step] = []
+    for step in reversed(steps):
+        if not wanted.isdisjoint(defined(step)):
+            kept.append(step)
+            wanted |= {leaf.data for leaf in leaves(read(step))}
+    return tuple(reversed(kept))
 
 
 def defined(step: Step) -> tuple[str, ...]:

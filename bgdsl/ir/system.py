@@ -27,10 +27,10 @@ class Equation:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state x; its derivative is the unknown `der(x)`. start: over parameters, None where it is to be solved for."""
+    """A state x; its derivative is the unknown `der(x)`. start: over parameters; fixed: the user gave it."""
 
     name: str
-    start: Expr | None
+    start: Expr
     unit: str
     comment: str
     origin: Origin
@@ -43,8 +43,8 @@ class EquationSystem:
     """As many equations as unknowns; states, parameters, inputs and time are known.
 
     values: every variable that is no unknown but an expression of them (aliases, bond efforts and flows, powers, energies), by
-    scalar name; made when asked for. dependent: storages in derivative causality, by the name of their p or q, with the start the user gave or None; that
-    variable is an unknown. invariants: residuals that the equations keep at zero (differentiated constraints), for projection.
+    scalar name; made when asked for. dependent: the p or q of each storage in derivative causality, an unknown, with the start
+    that the user gave or None. invariants: residuals that the equations keep at zero (differentiated constraints).
     initial: the initial equations, over states and unknowns. guesses: where Newton iterations for an unknown begin.
     """
 
@@ -76,10 +76,14 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class SortedSystem:
-    """Blocks in evaluation order; a block reads only states, parameters, inputs, time and earlier blocks."""
+    """Blocks in evaluation order; a block reads only states, parameters, inputs, time and earlier blocks.
+
+    initial: the same for the initial instant, where initial equations make unknowns of some states; else None.
+    """
 
     system: EquationSystem
     blocks: tuple[Block, ...]
+    initial: SortedSystem | None = None
 
     def verify(self) -> None:
         """Assert: each unknown is solved in exactly one block; a block reads only its own unknowns and earlier ones."""

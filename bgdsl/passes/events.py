@@ -1,0 +1,56 @@
+"""Find where the equations change form: conditions, absolute values, signs, minima and maxima.
+
+Input        the steps of a program and the expressions wanted of it
+Output       Events: one function for each switch, which changes sign where it switches
+Establishes  only what the wanted expressions use is watched, and only what moves with state, input or time
+Reports      nothing
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from bgdsl.expr import Expr, topological
+from bgdsl.ir.graph import Origin
+from bgdsl.ir.program import Event, SolveNewton, Step, defined, needed, read
+from bgdsl.ir.system import State
+
+
+def collect_events(steps: Sequence[Step], roots: Sequence[Expr], states: Iterable[State], inputs: Iterable[str] = ()) -> tuple[Event, ...]:
+    """The events of the steps that the roots need, and of the roots; `roots` are given with the states' derivatives first."""
+    used = needed(steps, roots)
+    if not used and not roots:
+        return ()
+    moving = {s.name for s in states} | set(inputs)
+    moves: dict[Expr, bool] = {}
+    found: dict[Expr, Origin] = {}
+    for step in used:
+        for value in _watched(read(step), moves, moving):
+            found.setdefault(value, step.origin)
+        if any(moves[value] for value in read(step)) or isinstance(step, SolveNewton):
+            moving |= set(defined(step))
+    origins = [s.origin for s in states]
+    for k, root in enumerate(roots):
+        for value in _watched((root,), moves, moving):
+            found.setdefault(value, origins[min(k, len(origins) - 1)] if origins else used[-1].origin)
+    return tuple(Event(value, origin) for value, origin in found.items())
+
+
+def _watched(roots: Iterable[Expr], moves: dict[Expr, bool], moving: set[str]) -> Iterator[Expr]:
+    """The switching functions under the roots that were not met before; `moves` notes which nodes change in a run."""
+    for node in topological(roots, moves):
+        moves[node] = node.op == "time" or (node.op == "var" and node.data in moving) or any(moves[arg] for arg in node.args)
+        if moves[node]:
+            value = _switch(node)
+            if value is not None:
+                yield value
+
+
+def _switch(node: Expr) -> Expr | None:
+    """The function whose sign the node's form depends on."""
+    match node.op:
+        case "lt" | "le" | "eq" | "ne" | "min" | "max":
+            return node.args[0] - node.args[1]
+        case "abs" | "sign":
+            return node.args[0]
+    return None

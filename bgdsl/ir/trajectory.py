@@ -6,7 +6,7 @@ Times are in seconds; every array is float64; rows are recorded times, columns a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -37,6 +37,10 @@ class Statistics:
     projections: int = 0
     drift: float = 0.0
     wall_time: float = field(default=0.0, compare=False)
+
+    def as_dict(self) -> dict[str, str | int | float]:
+        """By name, in the order above."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -330,8 +330,8 @@ def _check_bounds(program: Program, values: Mapping[str, float], report: Reporte
                         report.add(BAD_VALUE, message, parameter.origin.span, "declared here")
 
 
-def parameter_vector(program: Program, options: Options) -> Any:
+def parameter_array(program: Program, values: Mapping[str, float]) -> Any:
     """The parameters as the array that `CompiledModel.set_parameters` takes."""
     import numpy as np
 
-    return np.array([options.parameters[name] for name in parameter_names(program)], dtype=float)
+    return np.array([values[name] for name in parameter_names(program)], dtype=float)

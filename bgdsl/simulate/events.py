@@ -1,0 +1,132 @@
+"""Events: places where an expression of the model changes sign and the equations change form.
+
+The functions are watched along the integrator's accepted steps; a change of sign is located on the dense output to round-off of
+the time, the step is cut there, and the integration starts anew behind it. Assertions of the model are watched with them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bgdsl.expr import ZERO, if_else
+from bgdsl.ir.native import CompiledModel
+from bgdsl.ir.trajectory import Crossing
+from bgdsl.simulate.failures import CHATTERING, VIOLATED, IntegrationError, stop
+from bgdsl.simulate.inputs import InputSignals
+from bgdsl.simulate.stepper import Stepper
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+CROWD = 1000
+"""So many events of one function ..."""
+CROWDED = 1e-6
+"""... within this share of the run are no honest events any more."""
+
+
+class Watch:
+    """The event functions of a model, their last values and the crossings found."""
+
+    def __init__(self, model: CompiledModel, inputs: InputSignals, start: float, stop: float):
+        import numpy as np
+
+        program = model.program
+        self._program = program
+        self.count = len(program.events)
+        checks = [if_else(check.condition, ZERO + 1.0, ZERO) for check in program.checks]
+        self.kernel = model.evaluator([*(event.value for event in program.events), *checks])
+        self._inputs = inputs
+        self._span = stop - start
+        self._values = np.zeros(self.kernel.size)
+        self._recent: list[list[float]] = [[] for _ in program.events]
+        self.crossings: list[Crossing] = []
+
+    @property
+    def idle(self) -> bool:
+        return self.kernel.size == 0
+
+    def begin(self, t: float, x: Floats) -> None:
+        """Take the signs at the start, or after an event."""
+        self._values = self._at(t, x)
+        self._assert(t)
+
+    def find(self, stepper: Stepper) -> float | None:
+        """The earliest time in the last step at which a function changed sign, noted in `crossings`; None if there is none."""
+        import numpy as np
+
+        before, after = self._values, self._at(stepper.t, stepper.x)
+        changed = np.flatnonzero(before[: self.count] * after[: self.count] < 0.0)
+        if not len(changed):
+            # a function that was exactly zero takes its sign from where it went
+            self._values = after
+            self._assert(stepper.t)
+            return None
+        found = [(self._locate(stepper, int(k), before[k]), int(k)) for k in changed]
+        t = min(time for time, _ in found)
+        for time, k in sorted(found):
+            if time <= t + 1e-12 * self._span:
+                self.note(t, k, bool(before[k] < 0.0))
+        return t
+
+    def note(self, t: float, k: int, rising: bool) -> None:
+        """Record a crossing; RunError when this function's events crowd."""
+        self.crossings.append(Crossing(t, k, rising))
+        recent = self._recent[k]
+        recent.append(t)
+        if len(recent) > CROWD:
+            del recent[0]
+            if recent[-1] - recent[0] < CROWDED * self._span:
+                event = self._program.events[k]
+                stop(
+                    CHATTERING,
+                    f"events follow each other without end at t = {t:.9g} s: {CROWD} within {recent[-1] - recent[0]:.3g} s",
+                    event.origin,
+                    "changes form here",
+                    t,
+                    helps=("the law jumps back and forth; replace the jump by a steep but continuous law, `tanh(v/v0)` for `sign(v)`",),
+                )
+
+    def _at(self, t: float, x: Floats) -> Floats:
+        import numpy as np
+
+        values: Floats = np.empty(self.kernel.size)
+        status = self.kernel(t, np.ascontiguousarray(x), self._inputs(t), values)
+        if status:
+            raise IntegrationError("the event functions cannot be evaluated", t, x, status)
+        return values
+
+    def _assert(self, t: float) -> None:
+        for check, value in zip(self._program.checks, self._values[self.count :], strict=True):
+            if value == 0.0:
+                stop(VIOLATED, f"{check.message} (t = {t:.9g} s)", check.origin, "does not hold", t)
+
+    def _locate(self, stepper: Stepper, k: int, before: float) -> float:
+        """Bisection with secant steps (Illinois) on the dense output; the time just behind the change."""
+        import numpy as np
+
+        def value(t: float) -> float:
+            return float(self._at(t, stepper.dense(np.array([t]))[0])[k])
+
+        a, b = stepper.t_old, stepper.t
+        fa, fb = before, value(b)
+        if fa * fb > 0.0:
+            return b
+        for _ in range(100):
+            if b - a <= 4e-16 * max(abs(a), abs(b), self._span):
+                break
+            t = b - fb * (b - a) / (fb - fa)
+            if not a < t < b:
+                t = (a + b) / 2
+            ft = value(t)
+            if ft * before > 0.0:
+                a, fa = t, ft
+                fb /= 2
+            else:
+                b, fb = t, ft
+                fa /= 2
+                if ft == 0.0:
+                    break
+        return b

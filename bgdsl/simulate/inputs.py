@@ -1,0 +1,161 @@
+"""Inputs along a run: recorded signals, interpolated by C2 cubic splines.
+
+Reports      BG615 an input has no signal, BG616 the record cannot be used, BG617 the record does not cover the run
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bgdsl.diagnostics import Code, Reporter, did_you_mean
+from bgdsl.source import Source, Span
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+NO_SIGNAL = Code("BG615", "an input has no signal")
+BAD_RECORD = Code("BG616", "a recorded input cannot be used")
+TOO_SHORT = Code("BG617", "a recorded input does not cover the run")
+
+
+class InputSignals:
+    """The inputs u (m,) at any time of the run, as piecewise cubics on common breakpoints.
+
+    breaks: (k + 1,) times; coefficients: (k, 4, m), highest power first, in t - breaks[i]. Without inputs both are empty.
+    """
+
+    def __init__(self, breaks: Floats, coefficients: Floats):
+        self.breaks = breaks
+        self.coefficients = coefficients
+        self._index = 0
+        import numpy as np
+
+        self._none = np.zeros(0)
+        self._np = np
+
+    @property
+    def count(self) -> int:
+        return int(self.coefficients.shape[2]) if self.coefficients.size else 0
+
+    def __call__(self, t: float) -> Floats:
+        if not self.coefficients.size:
+            return self._none
+        i = int(self._np.searchsorted(self.breaks, t, side="right")) - 1
+        i = min(max(i, 0), len(self.breaks) - 2)
+        d = t - self.breaks[i]
+        a, b, c, e = self.coefficients[i]
+        values: Floats = ((a * d + b) * d + c) * d + e
+        return values
+
+
+def no_inputs() -> InputSignals:
+    """For models without inputs."""
+    import numpy as np
+
+    return InputSignals(np.zeros(0), np.zeros((0, 4, 0)))
+
+
+def input_signals(
+    names: Sequence[str], source: Path | Mapping[str, Any] | None, start: float, stop: float, report: Reporter
+) -> InputSignals:
+    """The signals of the inputs `names` from a file or from arrays by name (`time` among them)."""
+    if not names:
+        return no_inputs()
+    if source is None:
+        where = _place("inputs")
+        report.fail(
+            NO_SIGNAL,
+            f"the model's inputs {_list(names)} have no signals",
+            where,
+            helps=("give a file with `time` and the inputs' names: `--inputs FILE`",),
+        )
+    place = str(source) if isinstance(source, Path | str) else "inputs"
+    columns = read_columns(Path(source), report) if isinstance(source, Path | str) else dict(source)
+    return _splines(names, columns, place, start, stop, report)
+
+
+def _place(text: str) -> Span:
+    return Span(Source("<command line>", text), 0, len(text))
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names[:6]) + (", ..." if len(names) > 6 else "")
+
+
+def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start: float, stop: float, report: Reporter) -> InputSignals:
+    import numpy as np
+    from scipy.interpolate import CubicSpline
+
+    where = _place(place)
+    missing = [name for name in ("time", *names) if name not in columns]
+    for name in missing:
+        report.add(NO_SIGNAL, f"there is no column `{name}` in {place}", where, helps=did_you_mean(name, columns))
+    report.stop_if_errors()
+    time = np.asarray(columns["time"], dtype=float)
+    values = np.column_stack([np.asarray(columns[name], dtype=float) for name in names])
+    if len(time) < 2 or values.shape[0] != len(time):
+        report.fail(BAD_RECORD, f"{place} has {len(time)} rows; at least 2 are needed", where)
+    if not (np.diff(time) > 0).all():
+        row = int(np.argmin(np.diff(time) > 0)) + 1
+        report.fail(BAD_RECORD, f"the times in {place} do not increase at row {row + 1} ({time[row]:g} s)", where)
+    if not (np.isfinite(values).all() and np.isfinite(time).all()):
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        report.fail(BAD_RECORD, f"`{names[column]}` is {values[row, column]} at row {row + 1} of {place}", where)
+    slack = 1e-9 * (stop - start)
+    if time[0] > start + slack or time[-1] < stop - slack:
+        report.fail(
+            TOO_SHORT,
+            f"{place} covers {time[0]:g} to {time[-1]:g} s, the run needs {start:g} to {stop:g} s",
+            where,
+            notes=("inputs are interpolated, never extrapolated",),
+        )
+    boundary = "not-a-knot" if len(time) > 3 else "natural"
+    spline = CubicSpline(time, values, bc_type=boundary)
+    return InputSignals(time, np.ascontiguousarray(spline.c.transpose(1, 0, 2)))
+
+
+def read_columns(path: Path, report: Reporter) -> dict[str, Any]:
+    """The columns of a CSV, netCDF or Parquet file by name."""
+    where = _place(str(path))
+    try:
+        match path.suffix.lower():
+            case ".nc":
+                import h5netcdf
+
+                with h5netcdf.File(path, "r") as file:
+                    return {name: variable[...] for name, variable in file.variables.items() if variable.ndim == 1}
+            case ".parquet":
+                from pyarrow import parquet
+
+                return {name: column.to_numpy() for name, column in zip(*_table(parquet.read_table(path)), strict=True)}
+            case _:
+                return _read_csv(path)
+    except FileNotFoundError:
+        report.fail(BAD_RECORD, f"there is no file {path}", where)
+    except (OSError, ValueError) as error:
+        report.fail(BAD_RECORD, f"{path} cannot be read: {error}", where)
+
+
+def _table(table: Any) -> tuple[list[str], list[Any]]:
+    return table.column_names, table.columns
+
+
+def _read_csv(path: Path) -> dict[str, Any]:
+    import csv
+
+    import numpy as np
+
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = csv.reader(line for line in file if line.strip() and not line.startswith("#"))
+        header = [name.strip() for name in next(rows, [])]
+        table = list(rows)
+    for number, row in enumerate(table, start=2):
+        if len(row) != len(header):
+            raise ValueError(f"line {number} has {len(row)} fields, the header has {len(header)}")
+    numbers = np.array(table, dtype=float).reshape(len(table), len(header))
+    return {name: numbers[:, i] for i, name in enumerate(header)}

@@ -1,0 +1,229 @@
+"""A run: a compiled model and options in, a trajectory out.
+
+Input        CompiledModel, Options
+Output       Run (a Trajectory and the means to evaluate more of it)
+Establishes  rows at every time of the grid; integrals over the window; events located; invariants kept; statistics of the cost
+Reports      run errors (`failures.py`), with the time, the element and its line
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bgdsl.diagnostics import Reporter
+from bgdsl.ir.native import CompiledModel
+from bgdsl.ir.trajectory import Statistics, Status, Trajectory
+from bgdsl.simulate.columns import find_columns, output_columns
+from bgdsl.simulate.events import Watch
+from bgdsl.simulate.failures import IntegrationError, explain
+from bgdsl.simulate.initial import initial_state
+from bgdsl.simulate.inputs import InputSignals, input_signals
+from bgdsl.simulate.methods import METHODS
+from bgdsl.simulate.options import Options, parameter_array
+from bgdsl.simulate.quadrature import Quadrature, Quadratures
+from bgdsl.simulate.recorder import Grid, Recorder
+from bgdsl.simulate.recording import MemorySink, Sink, open_sink
+from bgdsl.simulate.result import Run
+from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
+from bgdsl.simulate.stepper import Stepper
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+KEPT_STATES = 50_000_000
+"""In memory the states are kept at the grid up to so many numbers, so that any variable can be looked at afterwards."""
+
+Progress = Callable[[float], None]
+
+
+def simulate(
+    model: CompiledModel,
+    options: Options,
+    *,
+    quadratures: Quadratures | None = None,
+    output: Path | None = None,
+    force: bool = False,
+    start: Floats | None = None,
+    progress: Progress | None = None,
+    report: Reporter | None = None,
+) -> Run:
+    """Run the model. With `output` the rows go to that file, else they stay in memory (with the states). `start` replaces
+    the model's own initial states. BgError before the run, RunError within it; on an interrupt the file is closed as partial."""
+    report = report or Reporter()
+    began = clock.perf_counter()
+    program = model.program
+    columns = output_columns(program) if options.variables is None else find_columns(program, options.variables, report)
+    inputs = input_signals([record.name for record in program.inputs], options.inputs, options.start, options.stop, report)
+    model.set_parameters(parameter_array(program, options.parameters))
+    u0 = dict(zip((record.name for record in program.inputs), inputs(options.start).tolist(), strict=True))
+    x0 = start if start is not None else initial_state(program, options.parameters, u0, options.start, report)
+    grid = Grid(options.start, options.stop, options.interval)
+    keep = output is None and grid.count * max(1, len(program.states)) <= KEPT_STATES
+    memory, states = MemorySink(len(columns)), MemorySink(len(program.states))
+    sink: Sink = memory if output is None else open_sink(output, columns, program.model, program.digest, force=force, report=report)
+    recorder = Recorder(model, columns, sink, states if keep else None, grid, inputs)
+    quadrature = None if quadratures is None else Quadrature(model, quadratures.expressions, quadratures.window or options.window, inputs)
+    journey = Journey(model, options, inputs, recorder, quadrature, progress)
+    status: Status = "partial"
+    try:
+        journey.travel(x0)
+        status = "complete"
+    except IntegrationError as error:
+        explain(model, error, inputs(error.t))
+    finally:
+        recorder.flush()
+        sink.close(status)
+    times, values = memory.rows()
+    trajectory = Trajectory(
+        model=program.model,
+        experiment=options.experiment,
+        time=times,
+        names=tuple(column.name for column in columns),
+        units=tuple(column.unit for column in columns),
+        values=values,
+        statistics=replace(journey.statistics(), wall_time=clock.perf_counter() - began),
+        parameters=options.parameters,
+        states=states.rows()[1] if keep else None,
+        inputs=None,
+        integrals=quadrature.result() if quadrature is not None else None,
+        crossings=tuple(journey.watch.crossings),
+        status=status,
+        digest=program.digest,
+    )
+    return Run(trajectory, model, inputs, output)
+
+
+class Journey:
+    """One run under way: the integrator and those who look at each of its steps."""
+
+    def __init__(
+        self,
+        model: CompiledModel,
+        options: Options,
+        inputs: InputSignals,
+        recorder: Recorder,
+        quadrature: Quadrature | None,
+        progress: Progress | None,
+    ):
+        self._model, self._options, self._inputs = model, options, inputs
+        self._recorder, self._quadrature, self._progress = recorder, quadrature, progress
+        self.watch = Watch(model, inputs, options.start, options.stop)
+        self._stepper: Stepper | None = None
+        self._told = 0.0
+
+    def travel(self, x0: Floats) -> None:
+        """From the start to the stop. IntegrationError where the integrator cannot go on."""
+        options = self._options
+        self._recorder.first(options.start, x0)
+        if not self.watch.idle:
+            self.watch.begin(options.start, x0)
+        if not len(x0):
+            self._without_states()
+            return
+        stepper = self._stepper = make_stepper(self._model, options, self._inputs, options.start, x0)
+        while stepper.t < options.stop:
+            stepper.step()
+            self._look(stepper)
+            self._tell(stepper.t)
+
+    def _look(self, stepper: Stepper) -> None:
+        """What an accepted step is looked at for: events first, since they cut it."""
+        import numpy as np
+
+        event = None if self.watch.idle else self.watch.find(stepper)
+        if event is None:
+            self._observe(stepper)
+            return
+        x = np.ascontiguousarray(stepper.dense(np.array([event]))[0])
+        cut = Cut(stepper, event, x)
+        self._observe(cut)
+        if self._quadrature is not None:
+            self._quadrature.forget()
+        stepper.restart(event, x)
+        self.watch.begin(event, x)
+
+    def _observe(self, stepper: Stepper) -> None:
+        self._recorder.take(stepper)
+        if self._quadrature is not None:
+            self._quadrature.take(stepper)
+
+    def _without_states(self) -> None:
+        """A model without states: its algebra alone, along the grid."""
+        import numpy as np
+
+        still = Still(self._options.start, self._options.stop, np.zeros(0))
+        self._observe(still)
+
+    def _tell(self, t: float) -> None:
+        if self._progress is not None and clock.perf_counter() - self._told > 0.05:
+            self._told = clock.perf_counter()
+            self._progress((t - self._options.start) / (self._options.stop - self._options.start))
+
+    def statistics(self) -> Statistics:
+        method = self._options.method
+        if self._stepper is None:
+            return Statistics(method)
+        spent = self._stepper.counters
+        return Statistics(
+            method=method,
+            steps=spent.steps,
+            rejected=spent.rejected,
+            rhs_calls=spent.rhs,
+            jacobian_calls=spent.jacobian,
+            factorisations=spent.factorisations,
+            events=len(self.watch.crossings),
+        )
+
+
+class Cut:
+    """The last step of a stepper up to an event inside it."""
+
+    def __init__(self, stepper: Stepper, t: float, x: Floats):
+        self.t_old, self.t, self.x = stepper.t_old, t, x
+        self.counters = stepper.counters
+        self.dense = stepper.dense
+        self.step = stepper.step
+        self.restart = stepper.restart
+
+
+class Still:
+    """The one step of a model without states."""
+
+    def __init__(self, t_old: float, t: float, x: Floats):
+        from bgdsl.simulate.stepper import Counters
+
+        self.t_old, self.t, self.x = t_old, t, x
+        self.counters = Counters()
+
+    def step(self) -> None:
+        raise AssertionError("nothing moves")
+
+    def restart(self, t: float, x: Floats) -> None:
+        raise AssertionError("nothing moves")
+
+    def dense(self, times: Floats) -> Floats:
+        import numpy as np
+
+        return np.zeros((len(times), 0))
+
+
+def make_stepper(model: CompiledModel, options: Options, inputs: InputSignals, t: float, x: Floats) -> Stepper:
+    """The integrator that the method names, at its start."""
+    method = METHODS[options.method]
+    match method.engine:
+        case "scipy":
+            return ScipyStepper(model, method, options, inputs, t, x)
+        case "vode":
+            return VodeStepper(model, method, options, inputs, t, x)
+        case "cvode":
+            raise NotImplementedError
+
+
+__all__ = ["Journey", "Progress", "Run", "simulate"]

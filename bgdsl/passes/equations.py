@@ -24,7 +24,8 @@ from bgdsl.ir.graph import Bond, BondGraph, Element, Law, Origin, SignalEquation
 from bgdsl.ir.scalar import Relation, ScalarGraph, Term
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name
 from bgdsl.ir.values import Values
-from bgdsl.passes.invert import Refusal, divide, nonvanishing, reads, solve_for
+from bgdsl.passes.invert import Refusal, divide, reads, solve_for
+from bgdsl.passes.moduli import Moduli
 
 NOT_INVERTIBLE = Code("BG505", "a law has no unique inverse in the direction that causality needs")
 
@@ -38,6 +39,7 @@ class _Work:
     causal: CausalGraph
     report: Reporter
     values: Values
+    moduli: Moduli
     elements: Mapping[str, Element]
     own: set[str]
     """The conjugates that are unknowns of their own."""
@@ -69,7 +71,7 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     """The equations of the model. BgError if a law cannot be turned into the direction that causality needs."""
     scalar = causal.scalar
     graph = scalar.graph
-    work = _Work(causal, report, values_of(causal), {e.name: e for e in graph.elements}, set(scalar.unknowns))
+    work = _Work(causal, report, values_of(causal), Moduli(graph), {e.name: e for e in graph.elements}, set(scalar.unknowns))
     work.unknowns += [*(j.variable for j in scalar.junctions), *scalar.unknowns]
     for j in range(len(scalar.junctions)):
         _balance(work, j)
@@ -115,7 +117,7 @@ def _balance(work: _Work, j: int) -> None:
         rest = add(_signed(t, -term.sign) for t in terms if t is not term)
         wanted = _inner(work, term)
         modulus = work.values.close(term.modulus) if term.modulus is not None and term.conjugate is not wanted else None
-        if modulus is None or nonvanishing(modulus):
+        if modulus is None or not work.moduli.can_vanish(modulus):
             work.state(wanted, rest if modulus is None else divide(work.values.close(rest), modulus), wanted.data, name, junction.origin)
             return
     work.state(ZERO, add(_signed(t, 1) for t in terms), None, name, junction.origin)
@@ -158,7 +160,7 @@ def _relation(work: _Work, relation: Relation) -> None:
     far = work.scalar.terms[term.other]
     modulus = work.values.close(term.modulus)
     gives = work.determines(far) if source is work.common(far) else not work.determines(far)
-    if gives and nonvanishing(modulus):
+    if gives and not work.moduli.can_vanish(modulus):
         work.state(source, divide(relation.left, modulus), source.data, relation.element, relation.origin)
     else:
         work.state(relation.left, relation.right, None, relation.element, relation.origin)
@@ -200,7 +202,7 @@ def _element(work: _Work, element: Element, terms: list[Term]) -> None:
 def _turn(work: _Work, element: Element, law: Law, left: Expr, right: Expr, outputs: dict[str, None]) -> None:
     """State a law solved for the one output it reads; left open where it reads several, or where no formula is known."""
     wanted = [leaf.data for leaf in leaves((left, right)) if leaf.data in outputs]
-    value = solve_for(left, right, var(wanted[0])) if len(wanted) == 1 else None
+    value = solve_for(left, right, var(wanted[0]), work.moduli.can_vanish) if len(wanted) == 1 else None
     if isinstance(value, Refusal) and value.several:
         _refuse(work, element, law, wanted[0], value)
     if isinstance(value, Expr):

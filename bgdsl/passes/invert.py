@@ -2,7 +2,7 @@
 
 Input        left = right, and the variable wanted
 Output       its value; a Refusal where there is provably no unique one; None where no formula is known
-Establishes  no division by what may vanish: a divisor is a constant, a parameter, or provably nonzero
+Establishes  no division by what may vanish: every divisor passes the caller's test
 Reports      nothing: the caller knows what the equation means
 
 What is linear is divided; else the operations around the variable are undone one by one, from the outside in. A law in which
@@ -11,11 +11,10 @@ the variable stands in several places (k q + k3 q^3) is left to a numeric soluti
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bgdsl.expr import ONE, ZERO, Expr, add, const, leaves, linear_parts, topological, unary
+from bgdsl.expr import ONE, ZERO, Expr, add, const, linear_parts, topological, unary
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +25,8 @@ class Refusal:
     several: bool = True
 
 
-def solve_for(left: Expr, right: Expr, wanted: Expr) -> Expr | Refusal | None:
-    """The value of the leaf `wanted` that makes left = right."""
+def solve_for(left: Expr, right: Expr, wanted: Expr, can_vanish: Callable[[Expr], bool]) -> Expr | Refusal | None:
+    """The value of the leaf `wanted` that makes left = right; `can_vanish` says which divisors are not allowed."""
     if left is wanted and not reads(right, wanted):
         return right
     parts = linear_parts(left - right, wanted)
@@ -35,8 +34,8 @@ def solve_for(left: Expr, right: Expr, wanted: Expr) -> Expr | Refusal | None:
         slope, rest = parts
         if slope.is_zero:
             return Refusal("the equation does not depend on it", several=False)
-        return divide(-rest, slope) if nonvanishing(slope) else None
-    return _undo(left - right, ZERO, wanted)
+        return None if can_vanish(slope) else divide(-rest, slope)
+    return _undo(left - right, ZERO, wanted, can_vanish)
 
 
 def reads(root: Expr, wanted: Expr) -> bool:
@@ -54,85 +53,20 @@ def divide(a: Expr, b: Expr) -> Expr:
     return a / b
 
 
-def nonvanishing(root: Expr) -> bool:
-    """Whether the expression can be divided by: constants, parameters, products and powers of such, exponentials, sums of
-    one sign. A parameter set to zero later is a division by zero that the run reports."""
-    return _sign(root) is not None
-
-
-def _sign(root: Expr) -> int | None:
-    """1 or -1 if the expression is of that sign, 0 if it is not zero but of unknown sign, None if it may be zero."""
-    found: dict[Expr, int | None] = {}
-    for node in topological((root,)):
-        found[node] = _sign_of(node, [found[arg] for arg in node.args])
-    return found[root]
-
-
-def _sign_of(node: Expr, signs: list[int | None]) -> int | None:
-    match node.op:
-        case "const":
-            return None if node.data == 0.0 or not math.isfinite(node.data) else int(math.copysign(1.0, node.data))
-        case "param":
-            return 0
-        case "neg":
-            return None if signs[0] is None else -signs[0]
-        case "mul" | "div":
-            if node.op == "mul" and node.args[0] is node.args[1] and signs[0] is not None:
-                return 1
-            return None if signs[0] is None or signs[1] is None else signs[0] * signs[1]
-        case "exp" | "cosh":
-            return 1
-        case "abs" if signs[0] is not None:
-            return 1
-        case "sqrt" | "sign" if signs[0] is not None:
-            return signs[0]
-        case "pow" if signs[0] is not None:
-            exponent = node.args[1]
-            return 1 if signs[0] == 1 or (exponent.is_const and exponent.data % 2 == 0) else 0
-        case "add":
-            return _sign_of_sum(node.args, signs)
-        case "if" if signs[1] is not None and signs[2] is not None:
-            return signs[1] if signs[1] == signs[2] else 0
-        case "atan" | "asin" | "sinh" | "tanh":
-            return signs[0]
-    return None
-
-
-def _sign_of_sum(terms: Iterable[Expr], signs: list[int | None]) -> int | None:
-    """A sum of terms none of which has the other sign, one of them strict, is of that sign."""
-    for wanted in (1, -1):
-        strict = [sign == wanted for sign in signs]
-        if any(strict) and all(sure or _never(-wanted, term) for sure, term in zip(strict, terms, strict=True)):
-            return wanted
-    return None
-
-
-def _never(sign: int, term: Expr) -> bool:
-    """Whether the term is certainly not of the sign given: squares, even powers, absolute values, and their negatives."""
-    if term.op == "neg":
-        return _never(-sign, term.args[0])
-    if term.op == "mul" and term.args[0].is_const:
-        return _never(sign if term.args[0].data > 0 else -sign, term.args[1])
-    square = (term.op == "mul" and term.args[0] is term.args[1]) or (
-        term.op == "pow" and term.args[1].is_const and term.args[1].data % 2 == 0
-    )
-    return sign < 0 and (square or term.op in ("abs", "sqrt", "exp", "cosh"))
-
-
 # ----------------------------------------------------------------------------------------- undoing one operation at a time
 
 
-def _undo(node: Expr, target: Expr, wanted: Expr) -> Expr | Refusal | None:
+def _undo(node: Expr, target: Expr, wanted: Expr, can_vanish: Callable[[Expr], bool]) -> Expr | Refusal | None:
     """The wanted leaf from node = target."""
     while node is not wanted:
-        step = _step(node, target, wanted)
+        step = _step(node, target, wanted, can_vanish)
         if step is None or isinstance(step, Refusal):
             return step
         node, target = step
     return target
 
 
-def _step(node: Expr, target: Expr, wanted: Expr) -> tuple[Expr, Expr] | Refusal | None:
+def _step(node: Expr, target: Expr, wanted: Expr, can_vanish: Callable[[Expr], bool]) -> tuple[Expr, Expr] | Refusal | None:
     """One operation undone: (inner node, new target)."""
     holds = [reads(arg, wanted) for arg in node.args]
     match node.op:
@@ -143,10 +77,10 @@ def _step(node: Expr, target: Expr, wanted: Expr) -> tuple[Expr, Expr] | Refusal
             inner = [arg for arg, held in zip(node.args, holds, strict=True) if held]
             return (inner[0], target - rest) if len(inner) == 1 else None
         case "mul":
-            return _undo_product(node, target, wanted)
+            return _undo_product(node, target, wanted, can_vanish)
         case "div" if not holds[1]:
             return node.args[0], target * node.args[1]
-        case "div" if not holds[0] and nonvanishing(node.args[0]):
+        case "div" if not holds[0] and not can_vanish(node.args[0]):
             return node.args[1], node.args[0] / target
         case "pow" if not holds[1]:
             return _undo_power(node.args[0], node.args[1], target)
@@ -158,12 +92,12 @@ def _step(node: Expr, target: Expr, wanted: Expr) -> tuple[Expr, Expr] | Refusal
     return (node.args[0], inverse(target)) if inverse is not None else None
 
 
-def _undo_product(node: Expr, target: Expr, wanted: Expr) -> tuple[Expr, Expr] | Refusal | None:
+def _undo_product(node: Expr, target: Expr, wanted: Expr, can_vanish: Callable[[Expr], bool]) -> tuple[Expr, Expr] | Refusal | None:
     factors = _factors(node)
     held = [factor for factor in factors if reads(factor, wanted)]
     for factor in factors:
         if not reads(factor, wanted):
-            if not nonvanishing(factor):
+            if can_vanish(factor):
                 return None
             target = divide(target, factor)
     if len(held) == 1:
@@ -244,8 +178,3 @@ _INVERSES: Mapping[str, Callable[[Expr], Expr]] = {
     "asin": lambda y: unary("sin", y),
     "acos": lambda y: unary("cos", y),
 }
-
-
-def unknown_leaves(root: Expr, among: Mapping[str, object]) -> list[str]:
-    """The names of the variables of `among` that the expression reads, each once."""
-    return [leaf.data for leaf in leaves((root,)) if leaf.data in among]

@@ -20,6 +20,7 @@ from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, incid
 from bgdsl.passes.blocks import strong_components
 from bgdsl.passes.invert import solve_for
 from bgdsl.passes.matching import FREE, Matching, Rows, match, overdetermined, underdetermined
+from bgdsl.passes.moduli import Moduli
 from bgdsl.passes.starts import initial_system
 from bgdsl.passes.tearing import tear
 
@@ -43,7 +44,8 @@ def _blocks(system: EquationSystem, report: Reporter) -> tuple[Block, ...]:
     report.stop_if_errors()
     reads = [[i for j in row if (i := matching.row_of[j]) != k] for k, row in enumerate(rows)]
     components = strong_components(reads)
-    return tuple(_block(system, component, matching) for component in components)
+    moduli = Moduli(system.graph)
+    return tuple(_block(system, component, matching, moduli) for component in components)
 
 
 def assignments(system: EquationSystem) -> list[int]:
@@ -52,11 +54,11 @@ def assignments(system: EquationSystem) -> list[int]:
     return [FREE if e.assigned is None else number[e.assigned] for e in system.equations]
 
 
-def _block(system: EquationSystem, component: Sequence[int], matching: Matching) -> Block:
+def _block(system: EquationSystem, component: Sequence[int], matching: Matching, moduli: Moduli) -> Block:
     equations = [system.equations[i] for i in component]
     unknowns = [system.unknowns[matching.column_of[i]] for i in component]
     if len(component) == 1:
-        return _single(equations[0], unknowns[0])
+        return _single(equations[0], unknowns[0], moduli)
     own = set(unknowns)
     # an equation may have been matched away from the unknown that causality gave it, within the block or out of it
     kept = [e for e in equations if e.assigned in own]
@@ -76,11 +78,11 @@ def _block(system: EquationSystem, component: Sequence[int], matching: Matching)
     )
 
 
-def _single(equation: Equation, unknown: str) -> Block:
+def _single(equation: Equation, unknown: str, moduli: Moduli) -> Block:
     """An equation alone: an assignment if it can be solved in closed form, else a block torn at its unknown."""
     if equation.assigned == unknown:
         return Block((equation,), (unknown,))
-    value = solve_for(equation.left, equation.right, var(unknown))
+    value = solve_for(equation.left, equation.right, var(unknown), moduli.can_vanish)
     if isinstance(value, Expr):
         return Block((Equation(var(unknown), value, unknown, equation.element, equation.origin),), (unknown,))
     return Block((equation,), (unknown,), (unknown,), _is_linear((), (equation,), (unknown,)))

@@ -104,7 +104,8 @@ class Relation:
 class InnerBond:
     """A bond (component) between merged junctions: it is no term of the balance.
 
-    The terms `terms_at[junction][start:stop]` are those beyond its `side` end: what it brings to the other end is their sum.
+    The terms with indices from `start` to `stop` (exclusive) are those beyond its `side` end: what it brings to the other end is
+    their sum. (The terms of a junction have consecutive indices.)
     `loop`: it closes a loop of like junctions, so that its share is not determined; it counts as carrying none.
     """
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Literal
 
 from bgdsl.expr import ZERO, Expr, const, param, var
@@ -200,7 +201,7 @@ class GraphBuilder:
 
     def chain(self, *nodes: str) -> None:
         """Bonds one after another: `chain("vA", "lever", "F2")`."""
-        for tail, head in zip(nodes, nodes[1:], strict=False):
+        for tail, head in pairwise(nodes):
             self.bond(tail, head)
 
     def _free_name(self, base: str) -> str:

@@ -1,0 +1,80 @@
+"""What each junction's variable depends on without passing an integrator: causal loops, and where a variable comes from.
+
+Two nodes a junction: its variable (2 j), and the sum of what its terms bring, that its determiner receives (2 j + 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bgdsl.ir.scalar import ScalarGraph
+
+Graph = list[list[int]]
+
+
+def dependence(scalar: ScalarGraph, determiner: Sequence[int], alike: Sequence[bool], algebraic: Sequence[bool]) -> Graph:
+    """For every node the nodes it is computed from. determiner: -1 where there is none; algebraic: for every one-port term,
+    does it give out a function of what it receives at the same instant (a resistor, a user element)?"""
+    graph: Graph = [[] for _ in range(2 * len(scalar.junctions))]
+    for term in scalar.terms:
+        j, t = term.junction, term.index
+        chosen = determiner[j] == t
+        if term.other is None:
+            if algebraic[t]:
+                graph[2 * j + (not chosen)].append(2 * j + chosen)
+            continue
+        far = scalar.terms[term.other].junction
+        if chosen:
+            graph[2 * j].append(2 * far + alike[t])
+        else:
+            graph[2 * j + 1].append(2 * far + (not alike[t]))
+    return graph
+
+
+def strong_components(graph: Graph) -> list[list[int]]:
+    """Strong components with more than one node or an edge to itself (Tarjan, without recursion)."""
+    order = [-1] * len(graph)
+    low = [0] * len(graph)
+    on_stack = [False] * len(graph)
+    stack: list[int] = []
+    found: list[list[int]] = []
+    count = 0
+    for root in range(len(graph)):
+        if order[root] >= 0:
+            continue
+        work = [(root, 0)]
+        while work:
+            node, i = work.pop()
+            if i == 0:
+                order[node] = low[node] = count
+                count += 1
+                stack.append(node)
+                on_stack[node] = True
+            elif i > 0:
+                low[node] = min(low[node], low[graph[node][i - 1]]) if on_stack[graph[node][i - 1]] else low[node]
+            while i < len(graph[node]):
+                next_one = graph[node][i]
+                i += 1
+                if order[next_one] < 0:
+                    work.append((node, i))
+                    work.append((next_one, 0))
+                    break
+                if on_stack[next_one]:
+                    low[node] = min(low[node], order[next_one])
+            else:
+                if low[node] == order[node]:
+                    members = []
+                    while True:
+                        member = stack.pop()
+                        on_stack[member] = False
+                        members.append(member)
+                        if member == node:
+                            break
+                    if len(members) > 1 or node in graph[node]:
+                        found.append(sorted(members))
+    return sorted(found)
+
+
+def causal_loops(graph: Graph) -> tuple[tuple[int, ...], ...]:
+    """The junctions of each causal loop."""
+    return tuple(tuple(sorted({node // 2 for node in component})) for component in strong_components(graph))

@@ -1,0 +1,346 @@
+"""Assign causality: for each scalar junction the one term that sets its variable (SCAP).
+
+Input        ScalarGraph  junction balances by terms
+Output       CausalGraph  determiners, strokes, dependent storages, constraints, causal loops
+Establishes  each junction has one determiner or is constrained; nothing is divided by a modulus that may vanish; a storage is in
+             derivative causality only where the choices fixed before it leave no other way
+Reports      BG401 effort fixed twice, BG402 flow fixed twice, BG403 a junction that nothing can set, BG404 a stroke that cannot
+             be honoured, BG405 a law that works in one direction only, BG420 derivative causality (warning)
+
+The order is fixed facts (sources, moduli that may vanish, laws of one direction), asserted strokes, storages, resistors and user
+elements in the direction their laws are written, then what remains; each in declaration order, each followed to its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bgdsl.diagnostics import Code, Reporter
+from bgdsl.expr import leaves
+from bgdsl.ir.causal import CausalGraph, Constrained, Reason
+from bgdsl.ir.graph import Element
+from bgdsl.ir.scalar import ScalarGraph, Term
+from bgdsl.passes.causal_loops import causal_loops, dependence
+from bgdsl.passes.moduli import Moduli
+from bgdsl.passes.propagation import Assignment, Conflict
+from bgdsl.passes.strokes import bond_strokes, demands
+
+TWO_EFFORTS = Code("BG401", "two sources fix one effort")
+TWO_FLOWS = Code("BG402", "two sources fix one flow")
+NOTHING_SETS = Code("BG403", "nothing can set a junction's variable")
+STROKE = Code("BG404", "an asserted causal stroke cannot be honoured")
+ONE_WAY = Code("BG405", "a law works in the other direction only")
+DEPENDENT = Code("BG420", "a storage has derivative causality", "warning")
+
+
+def assign_causality(scalar: ScalarGraph, report: Reporter) -> CausalGraph:
+    """The scalar graph with causality. Stops with BgError where no assignment has a meaning."""
+    scap = _Scap(scalar, report)
+    scap.fix()
+    report.stop_if_errors()
+    scap.assert_strokes()
+    scap.prefer_storages()
+    scap.choose_free()
+    report.stop_if_errors()
+    return scap.result()
+
+
+class _Scap:
+    """One run of the procedure over one scalar graph."""
+
+    def __init__(self, scalar: ScalarGraph, report: Reporter):
+        self.scalar = scalar
+        self.report = report
+        self.state = Assignment(scalar)
+        self.elements = {element.name: element for element in scalar.graph.elements}
+        self.related = {relation.term for relation in scalar.relations}
+        self.constrained: dict[tuple[int, int | None], Constrained] = {}
+        self.derivative: dict[str, tuple[int, ...]] = {}
+        self.ports: dict[str, list[Term]] = {}
+        for term in scalar.terms:
+            if term.other is None and term.element is not None:
+                self.ports.setdefault(term.element, []).append(term)
+        for terms in self.ports.values():
+            terms.sort(key=lambda term: (term.port, term.spot))
+
+    # ------------------------------------------------------------------------------------------------------------ facts
+
+    def fix(self) -> None:
+        """Set all that leaves no choice, then follow it."""
+        for term, value, reason in [*self.sources(), *self.one_way_moduli(), *self.one_way_laws()]:
+            conflict = self.state.set(term.index, value, reason)
+            if conflict is not None:
+                self.settle(conflict)
+        self.follow()
+
+    def sources(self) -> Iterator[tuple[Term, int, Reason]]:
+        for element in self.scalar.graph.elements:
+            if element.kind in ("Se", "MSe", "Sf", "MSf"):
+                for term in self.ports[element.name]:
+                    yield term, int(self.sets(term, element.kind.endswith("e"))), Reason("source")
+
+    def sets(self, term: Term, gives_effort: bool) -> bool:
+        """Does a one-port that gives out effort (or flow) here determine its junction?"""
+        return gives_effort == (self.scalar.junctions[term.junction].kind == 0)
+
+    def one_way_moduli(self) -> Iterator[tuple[Term, int, Reason]]:
+        """Two-ports that must not divide by their modulus: multiplying, an end with a relation determines, one without does not."""
+        moduli = Moduli(self.scalar.graph)
+        crowded = self.crowded_entries()
+        for term in self.scalar.terms:
+            if term.modulus is not None and (term.index in crowded or moduli.can_vanish(term.modulus)):
+                yield term, int(term.index in self.related), Reason("modulus")
+
+    def crowded_entries(self) -> set[int]:
+        """Entries that share their row or column of a matrix with another, and all entries of Euler structures."""
+        count: dict[tuple[str, int, int], int] = {}
+        entries = [term for term in self.scalar.terms if term.is_two_port and term.element is not None and term.entry is not None]
+        for term in entries:
+            assert term.element is not None
+            key = (term.element, term.port, term.spot)
+            count[key] = count.get(key, 0) + 1
+        crowded: set[int] = set()
+        for term in entries:
+            assert term.element is not None and term.other is not None
+            if count[term.element, term.port, term.spot] > 1 or self.elements[term.element].kind == "EJS":
+                crowded |= {term.index, term.other}
+        return crowded
+
+    def one_way_laws(self) -> Iterator[tuple[Term, int, Reason]]:
+        """Ports of resistors and user elements that can only give out one of effort and flow."""
+        for element in self.scalar.graph.elements:
+            if element.kind in ("R", "field"):
+                for term in self.ports.get(element.name, ()):
+                    direction = _only_direction(element, term)
+                    if direction is not None:
+                        yield term, int(self.sets(term, direction == "e")), Reason("law")
+
+    def follow(self) -> None:
+        """Propagate to the end, putting a constraint wherever a conflict is met."""
+        while (conflict := self.state.propagate()) is not None:
+            self.settle(conflict)
+
+    # -------------------------------------------------------------------------------------------------------- conflicts
+
+    def settle(self, conflict: Conflict) -> None:
+        """Put a constraint (or an error) in the place of a conflict, so that propagation can go on."""
+        if conflict.kind == "under":
+            self.free_junction(conflict.junction)
+            return
+        assert conflict.term is not None and conflict.reason is not None
+        term = self.scalar.terms[conflict.term]
+        wants = 1 - self.state.value[term.index] if self.state.value[term.index] >= 0 else 1
+        if term.other is None:
+            self.settle_port(term, wants, conflict.reason)
+        elif wants:
+            self.settle_second(term, conflict.reason)
+        else:
+            self.state.settled.add((term.index, 0))
+            self.release(term)
+
+    def free_junction(self, j: int) -> None:
+        """Junction j has no determiner: its variable is a multiplier."""
+        state = self.state
+        state.free.add(j)
+        kind = self.scalar.junctions[j].kind
+        names = (self.scalar.terms[t].element for t in self.scalar.terms_at[j])
+        wanted = ("Se", "MSe") if kind else ("Sf", "MSf")
+        source = next((name for name in names if name is not None and self.elements[name].kind in wanted), None)
+        self.constrained[j, None] = Constrained(j, source)
+
+    def settle_port(self, term: Term, wants: int, reason: Reason) -> None:
+        """A source or a law of one direction meets a junction that is determined (or can only be determined by it)."""
+        j = term.junction
+        present = self.state.determiner[j]
+        if not wants:
+            self.release(term)
+            return
+        other = self.scalar.terms[present]
+        if reason.cause == "source":
+            if self.is_source(other):
+                self.two_sources(other, term)
+            self.state.drop(term.index)
+            self.constrained[j, term.index] = Constrained(j, term.element, term.index)
+        elif self.elements[term.element or ""].kind == "field":
+            self.state.drop(term.index)
+            self.constrained[j, term.index] = Constrained(j, None, term.index)
+        else:
+            self.one_way(term, present)
+            self.state.drop(term.index)
+
+    def settle_second(self, term: Term, reason: Reason) -> None:
+        """A two-port's term would be the second determiner of its junction."""
+        state, j = self.state, term.junction
+        assert term.other is not None
+        far = self.scalar.terms[term.other]
+        present = state.determiner[j]
+        state.settled.add((term.index, 1))
+        if present >= 0 and self.is_source(self.scalar.terms[present]):
+            source = self.scalar.terms[present]
+            state.replace(term.index, reason)
+            self.constrained[j, present] = Constrained(j, source.element, present)
+        elif term.index in self.related or far.index in self.related:
+            surplus = term if term.index in self.related else far
+            state.drop(term.index)
+            self.constrained[surplus.junction, surplus.index] = Constrained(surplus.junction, None, surplus.index)
+        else:
+            state.drop(term.index)
+            self.release(far)
+
+    def release(self, term: Term) -> None:
+        """A term cannot be the determiner that it is: its junction is left without one."""
+        self.state.drop(term.index)
+        self.free_junction(term.junction)
+
+    def is_source(self, term: Term) -> bool:
+        return term.other is None and self.elements[term.element or ""].kind in ("Se", "Sf", "MSe", "MSf")
+
+    # ---------------------------------------------------------------------------------------------------------- choices
+
+    def assert_strokes(self) -> None:
+        """Honour asserted strokes, each followed to its end; one that contradicts what is fixed is an error."""
+        for bond, wanted in demands(self.scalar):
+            mark = self.state.mark()
+            conflict: Conflict | None = None
+            for term, value in wanted:
+                conflict = conflict or self.state.set(term, value, Reason("asserted"))
+            conflict = conflict or self.state.propagate()
+            if conflict is not None:
+                self.refuse_stroke(bond.name, conflict)
+                self.state.undo(mark)
+        self.report.stop_if_errors()
+
+    def prefer_storages(self) -> None:
+        """Integral causality wherever it can be had."""
+        for element in self.scalar.graph.elements:
+            if element.kind in ("I", "C"):
+                for term in self.ports[element.name]:
+                    self.prefer_storage(element, term)
+
+    def prefer_storage(self, element: Element, term: Term) -> None:
+        state = self.state
+        wanted = int(self.sets(term, element.kind == "C"))
+        if state.value[term.index] < 0:
+            conflict, path = self.attempt(term, wanted, Reason("storage"))
+            if conflict is None:
+                return
+            if self.attempt(term, 1 - wanted, Reason("derivative"))[0] is not None:
+                state.set(term.index, wanted, Reason("storage"))
+                self.follow()
+                return
+            self.derivative[element.states[term.spot]] = path
+        elif state.value[term.index] != wanted:
+            self.derivative[element.states[term.spot]] = self.chain([term.index])
+
+    def attempt(self, term: Term, value: int, reason: Reason) -> tuple[Conflict | None, tuple[int, ...]]:
+        """Set a term and follow it; on a conflict, the terms that led to it, with everything as before."""
+        state = self.state
+        mark = state.mark()
+        conflict = state.set(term.index, value, reason) or state.propagate()
+        if conflict is None:
+            return None, ()
+        path = self.chain([term.index, *self.causes(conflict)])
+        state.undo(mark)
+        return conflict, path
+
+    def choose_free(self) -> None:
+        """Resistors and user elements in the direction of their laws, then whatever is still open."""
+        for element in self.scalar.graph.elements:
+            if element.kind in ("R", "field"):
+                for term in self.ports.get(element.name, ()):
+                    self.choose(term, int(self.sets(term, _written_direction(element, term) == "e")))
+        for term in self.scalar.terms:
+            self.choose(term, 1)
+
+    def choose(self, term: Term, value: int) -> None:
+        if self.state.value[term.index] >= 0:
+            return
+        for choice in (value, 1 - value):
+            if self.attempt(term, choice, Reason("chosen"))[0] is None:
+                return
+        self.state.set(term.index, value, Reason("chosen"))
+        self.follow()
+
+    # ----------------------------------------------------------------------------------------------------- explanations
+
+    def causes(self, conflict: Conflict) -> list[int]:
+        """The terms that meet in a conflict."""
+        if conflict.kind == "under":
+            return list(self.scalar.terms_at[conflict.junction])
+        found = [conflict.term] if conflict.term is not None and self.state.value[conflict.term] >= 0 else []
+        if conflict.reason is not None and conflict.reason.term is not None:
+            found.append(conflict.reason.term)
+        if conflict.kind == "over":
+            found.append(self.state.determiner[conflict.junction])
+        return found
+
+    def chain(self, starts: list[int]) -> tuple[int, ...]:
+        """The terms from which the values of the start terms follow, nearest first, back to choices and facts."""
+        seen = dict.fromkeys(starts)
+        queue = list(starts)
+        for t in queue:
+            reason = self.state.reason[t]
+            if reason.term is not None:
+                before = [reason.term]
+            elif reason.cause == "last":
+                before = [other for other in self.scalar.terms_at[self.scalar.terms[t].junction] if other != t]
+            else:
+                before = []
+            for b in before:
+                if b not in seen:
+                    seen[b] = None
+                    queue.append(b)
+        return tuple(seen)
+
+    def two_sources(self, first: Term, second: Term) -> None:
+        effort = self.elements[first.element or ""].kind.endswith("e")
+        junction = self.scalar.junctions[first.junction]
+        word, kind = ("effort", 0) if effort else ("flow", 1)
+        a, b = self.elements[first.element or ""], self.elements[second.element or ""]
+        self.report.add(
+            TWO_EFFORTS if effort else TWO_FLOWS,
+            f"two {word} sources fix the {word} of {kind}-junction `{junction.name}`",
+            b.origin.span,
+            "second source, here",
+            others=[(a.origin.span, "first source")],
+            notes=[f"a {kind}-junction has one {word}; only one bond may set it"],
+            helps=[f"put a {1 - kind}-junction with an R between one source and `{junction.name}`"],
+        )
+
+    def one_way(self, term: Term, present: int) -> None:
+        element = self.elements[term.element or ""]
+        self.report.add(ONE_WAY, f"the law of `{element.name}` cannot be turned around", element.origin.span, "here")
+
+    def refuse_stroke(self, bond: str, conflict: Conflict) -> None:
+        flat = next(b for b in self.scalar.graph.bonds if b.name == bond)
+        self.report.add(STROKE, f"the causal stroke of bond `{bond}` cannot be honoured", flat.origins[-1].span, "asserted here")
+
+    # ----------------------------------------------------------------------------------------------------------- result
+
+    def result(self) -> CausalGraph:
+        state, scalar = self.state, self.scalar
+        determiner = tuple(None if t < 0 else t for t in state.determiner)
+        algebraic = [
+            term.other is None and term.element is not None and self.elements[term.element].kind in ("R", "field") for term in scalar.terms
+        ]
+        loops = causal_loops(dependence(scalar, state.determiner, state.alike, algebraic))
+        strokes = bond_strokes(scalar, determiner, [value == 1 for value in state.value])
+        constrained = tuple(self.constrained.values())
+        return CausalGraph(scalar, determiner, strokes, self.derivative, constrained, loops, tuple(state.reason))
+
+
+def _only_direction(element: Element, term: Term) -> str | None:
+    """`e` or `f` where the laws of an element allow its port to give out only that."""
+    if element.kind != "field":
+        return None
+    port = element.ports[term.port]
+    named = {leaf.data for law in element.laws for leaf in leaves((law.left, law.right))}
+    effort, flow = (port.variable(element.name, letter, term.spot) in named for letter in "ef")
+    return None if effort == flow else "e" if effort else "f"
+
+
+def _written_direction(element: Element, term: Term) -> str:
+    """What a port gives out by the way its law is written: the side that stands alone on the left; else effort."""
+    port = element.ports[term.port]
+    lefts = {law.left.data for law in element.laws if law.left.op == "var"}
+    return "f" if port.variable(element.name, "f", term.spot) in lefts else "e"

@@ -27,14 +27,17 @@ class Equation:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state x; its derivative is the unknown `der(x)`. start: over parameters; fixed: the user gave it."""
+    """A state x; its derivative is the unknown `der(x)`. start: over parameters; fixed: the user gave it.
+
+    kind: a storage's p or q, a signal, an energy that the model reads, or the common variable of a junction that dependent storages follow.
+    """
 
     name: str
     start: Expr
     unit: str
     comment: str
     origin: Origin
-    kind: Literal["p", "q", "signal", "energy"]
+    kind: Literal["p", "q", "signal", "energy", "common"]
     fixed: bool = True
 
 

@@ -72,7 +72,13 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     scalar = causal.scalar
     graph = scalar.graph
     work = _Work(causal, report, values_of(causal), Moduli(graph), {e.name: e for e in graph.elements}, set(scalar.unknowns))
-    work.unknowns += [*(j.variable for j in scalar.junctions), *scalar.unknowns]
+    coordinates = {c.junction for c in causal.constrained if c.velocity}
+    for j, junction in enumerate(scalar.junctions):
+        if j in coordinates:
+            # only dependent storages follow this variable: it is a state itself, and its balance gives its derivative
+            work.states.append(State(junction.variable, ZERO, "", "", junction.origin, "common", fixed=False))
+        work.unknowns.append(derivative_name(junction.variable) if j in coordinates else junction.variable)
+    work.unknowns += scalar.unknowns
     for j in range(len(scalar.junctions)):
         _balance(work, j)
     for relation in scalar.relations:

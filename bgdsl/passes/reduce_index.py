@@ -14,12 +14,13 @@ so that nothing is expanded and the cost is linear in the size of the cone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, replace
 
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import ONE, ZERO, Expr, add, partials, topological, var
-from bgdsl.ir.system import Equation, EquationSystem, derivative_name, incidence
-from bgdsl.passes.matching import FREE, match
+from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name, incidence
+from bgdsl.passes.matching import FREE, Matching, match, underdetermined
 
 INPUT_DERIVATIVE = Code("BG503", "the derivative of an input is needed")
 HIGH_INDEX = Code("BG504", "the equations constrain the states too deeply")
@@ -27,61 +28,104 @@ HIGH_INDEX = Code("BG504", "the equations constrain the states too deeply")
 
 def reduce_index(system: EquationSystem, report: Reporter) -> EquationSystem:
     """The system with its dependent storages and constraints differentiated; itself if there are none."""
-    wanted = _wanted_derivatives(system)
-    unknowns = tuple(name for name in system.unknowns if name not in wanted)
-    number = {name: j for j, name in enumerate(unknowns)}
-    rows = incidence(system.equations, unknowns)
-    given = [FREE if e.assigned is None else number[e.assigned] for e in system.equations]
-    matching = match(rows, len(unknowns), given)
-    hidden = set(matching.unmatched_rows)
-    if not wanted and not hidden:
+    wanted = {derivative_name(v): v for v in system.unknowns if derivative_name(v) in set(system.unknowns)}
+    followed = _promote(_follow(system, wanted, report)) if wanted else system
+    return _settle(followed, set(wanted) | set(followed.unknowns) - set(system.unknowns), report)
+
+
+def _follow(system: EquationSystem, wanted: Mapping[str, str], report: Reporter) -> EquationSystem:
+    """Add the equations of the derivatives that dependent storages want."""
+    structure = _Structure.of(system, wanted)
+    cone = structure.cone(i for v in wanted.values() if (i := structure.row_of(v)) != FREE)
+    return _differentiated(system, structure, cone, set(wanted), report, hidden=())
+
+
+def _promote(system: EquationSystem) -> EquationSystem:
+    """Make a state of each multiplier that only dependent storages follow: no equation gives it, but its derivative is read."""
+    structure = _Structure.of(system, ())
+    missing = len(structure.matching.unmatched_columns)
+    if not missing:
         return system
-    seeds = [*hidden, *(i for v in wanted.values() if (i := matching.row_of[number[v]]) != FREE)]
-    cone = _cone(rows, matching.row_of, seeds)
-    if any(_reads_any(system.equations[i], wanted) for i in cone):
-        _report_high_index(system, [i for i in cone if _reads_any(system.equations[i], wanted)], report)
-    names = [unknowns[matching.column_of[i]] for i in cone if i not in hidden]
+    under = {structure.unknowns[j] for j in underdetermined(structure.rows, structure.matching)}
+    given = {e.assigned for e in system.equations}
+    loose = [v for v in system.unknowns if v in under and v not in given and derivative_name(v) in under][:missing]
+    origins = {j.variable(i): j.origin for j in system.graph.junctions for i in range(j.size or 1)}
+    origins |= {
+        p.variable(e.name, letter, i): e.origin for e in system.graph.elements for p in e.ports for letter in "ef" for i in range(p.width)
+    }
+    states = tuple(State(v, ZERO, "", "", origins[v], "common", fixed=False) for v in loose)
+    return replace(system, states=(*system.states, *states), unknowns=tuple(v for v in system.unknowns if v not in loose))
+
+
+def _settle(system: EquationSystem, rates: set[str], report: Reporter) -> EquationSystem:
+    """Put the derivative in the place of each equation that no unknown is left for; the equation becomes an invariant.
+
+    `rates` are the unknowns that differentiation has brought: what reads one is not differentiated again.
+    """
+    structure = _Structure.of(system, ())
+    hidden = structure.matching.unmatched_rows
+    return _differentiated(system, structure, structure.cone(hidden), rates, report, hidden) if hidden else system
+
+
+@dataclass(frozen=True, slots=True)
+class _Structure:
+    """Which equation reads which unknown, and a maximum matching; some unknowns may be left out of it."""
+
+    unknowns: tuple[str, ...]
+    rows: list[list[int]]
+    matching: Matching
+
+    @staticmethod
+    def of(system: EquationSystem, without: Container[str]) -> _Structure:
+        unknowns = tuple(name for name in system.unknowns if name not in without)
+        number = {name: j for j, name in enumerate(unknowns)}
+        rows = incidence(system.equations, unknowns)
+        given = [FREE if e.assigned is None else number[e.assigned] for e in system.equations]
+        return _Structure(unknowns, rows, match(rows, len(unknowns), given))
+
+    def row_of(self, name: str) -> int:
+        return self.matching.row_of[self.unknowns.index(name)]
+
+    def cone(self, seeds: Iterable[int]) -> list[int]:
+        """The rows whose derivatives are needed: the seeds and, for each unknown read, the row matched with it."""
+        seen = set(seeds)
+        stack = list(seen)
+        while stack:
+            for j in self.rows[stack.pop()]:
+                i = self.matching.row_of[j]
+                if i != FREE and i not in seen:
+                    seen.add(i)
+                    stack.append(i)
+        return sorted(seen)
+
+    def read_by(self, rows: Iterable[int]) -> list[str]:
+        """The unknowns that the rows read, in order."""
+        return [self.unknowns[j] for j in sorted({j for i in rows for j in self.rows[i]})]
+
+
+def _differentiated(
+    system: EquationSystem, structure: _Structure, cone: list[int], rates: set[str], report: Reporter, hidden: Iterable[int]
+) -> EquationSystem:
+    """The system with the derivatives of the rows of the cone beside (or, for hidden ones, in place of) them."""
+    deep = [i for i in cone if _reads_any(system.equations[i], rates)]
+    if deep:
+        _report_high_index(system, deep, report)
+        report.stop_if_errors()
+    names = structure.read_by(cone)
     derived = _differentiate(system, [system.equations[i] for i in cone], names, report)
     report.stop_if_errors()
-    return _replaced(system, cone, derived, hidden, names)
-
-
-def _wanted_derivatives(system: EquationSystem) -> dict[str, str]:
-    """The unknowns that are derivatives of other unknowns, with those."""
-    algebraic = set(system.unknowns)
-    return {derivative_name(v): v for v in system.unknowns if derivative_name(v) in algebraic}
-
-
-def _cone(rows: list[list[int]], row_of: list[int], seeds: Iterable[int]) -> list[int]:
-    """The rows whose derivatives are needed: the seeds and, for each unknown read, the row matched with it."""
-    seen = set(seeds)
-    stack = list(seen)
-    while stack:
-        for j in rows[stack.pop()]:
-            i = row_of[j]
-            if i != FREE and i not in seen:
-                seen.add(i)
-                stack.append(i)
-    return sorted(seen)
-
-
-def _reads_any(equation: Equation, names: Mapping[str, str]) -> bool:
-    return any(node.op == "var" and node.data in names for node in topological((equation.left, equation.right)))
-
-
-def _replaced(system: EquationSystem, cone: list[int], derived: list[Equation], hidden: set[int], names: list[str]) -> EquationSystem:
+    gone = set(hidden)
     present = set(system.unknowns)
-    return EquationSystem(
-        system.graph,
-        system.states,
-        (*system.unknowns, *(derivative_name(v) for v in names if derivative_name(v) not in present)),
-        (*(e for i, e in enumerate(system.equations) if i not in hidden), *derived),
-        system.values,
-        system.dependent,
-        tuple(system.equations[i] for i in cone if i in hidden),
-        system.initial,
-        system.guesses,
+    return replace(
+        system,
+        unknowns=(*system.unknowns, *(derivative_name(v) for v in names if derivative_name(v) not in present)),
+        equations=(*(e for i, e in enumerate(system.equations) if i not in gone), *derived),
+        invariants=tuple(system.equations[i] for i in cone if i in gone),
     )
+
+
+def _reads_any(equation: Equation, names: Container[str]) -> bool:
+    return any(node.op == "var" and node.data in names for node in topological((equation.left, equation.right)))
 
 
 # -------------------------------------------------------------------------------------------------------- differentiation
@@ -150,6 +194,6 @@ def _report_high_index(system: EquationSystem, deep: list[int], report: Reporter
         f"`{first.element}` would have to be differentiated twice",
         first.origin.span,
         "its derivative depends on the derivative of a dependent storage",
-        others=[(system.equations[i].origin.span, f"so does `{system.equations[i].element}`") for i in deep[1:5]],
+        others=[(system.equations[i].origin.span, f"so does that of `{system.equations[i].element}`") for i in deep[1:5]],
         helps=["put a compliance or a resistance between the parts, so that their states are independent"],
     )

@@ -1,3 +1,26 @@
-"""bgdsl: a textual language for bond graphs, its compiler and its model reducer."""
+"""bgdsl: a textual language for bond graphs, its compiler and its model reducer.
+
+model = bgdsl.load("models/lever.bg")
+run = model.compile().simulate(experiment="kick", mA=12.0)
+run.time, run["vA.f"]
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from bgdsl.pipeline import Model, System, load, loads
+
+__all__ = ["Model", "System", "__version__", "load", "loads"]
+
+
+def __getattr__(name: str) -> Any:
+    """What `bgdsl.pipeline` offers, loaded when first asked for, so that importing the package costs nothing."""
+    if name in __all__:
+        from bgdsl import pipeline
+
+        return getattr(pipeline, name)
+    raise AttributeError(f"module 'bgdsl' has no attribute '{name}'")

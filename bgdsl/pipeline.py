@@ -9,16 +9,17 @@ Every step is computed once, when somebody asks for it. This is the one file tha
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bgdsl.diagnostics import Diagnostic, Reporter
+from bgdsl.diagnostics import BgError, Diagnostic, Reporter
+from bgdsl.expr import Expr, evaluate
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.graph import BondGraph
 from bgdsl.ir.library import Library
-from bgdsl.ir.program import Program
+from bgdsl.ir.program import Assign, Program, Record, defined
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.ir.system import SortedSystem
 from bgdsl.passes.causality import assign_causality
@@ -31,17 +32,23 @@ from bgdsl.passes.reduce_index import reduce_index
 from bgdsl.passes.scalar import open_vectors
 from bgdsl.passes.sorting import sort_equations
 from bgdsl.passes.units import check_units
-from bgdsl.source import Source
+from bgdsl.source import Source, Span
+from bgdsl.syntax import ast
 from bgdsl.syntax.parser import parse, read_source
 
 if TYPE_CHECKING:
-    from bgdsl.simulate.run import Run
+    from bgdsl.backends.native.model import NativeModel
+    from bgdsl.simulate.options import Options, Settings
+    from bgdsl.simulate.quadrature import Quadratures
+    from bgdsl.simulate.result import Run
 
 Value = float | bool | str | tuple[Any, ...]
 """What a parameter can be set to: a number, a truth value, a string, or (nested) tuples of numbers."""
 
 
-def load(path: str | Path, model: str | None = None, *, search: Sequence[str | Path] = (), overrides: Mapping[str, Value] | None = None) -> Model:
+def load(
+    path: str | Path, model: str | None = None, *, search: Sequence[str | Path] = (), overrides: Mapping[str, Value] | None = None
+) -> Model:
     """Read, flatten and check model `model` of the file (or its only one).
 
     search: folders where imports are looked for after the file's own; overrides: parameters by dotted path, structural ones
@@ -136,3 +143,218 @@ class Model:
     def changed(self, overrides: Mapping[str, Value]) -> Model:
         """The same model flattened again with other values for (structural) parameters."""
         return instantiate(self.library, self.name, {**self.overrides, **overrides}, Reporter())
+
+    def sizes(self) -> dict[str, int]:
+        """How large the model is: bonds, equations, states, loops (blocks that have to be solved)."""
+        steps = self.program.steps
+        loops = sum(not isinstance(step, Assign) for step in steps)
+        equations = sum(len(defined(step)) for step in steps) + len(self.program.states)
+        return {
+            "bonds": sum(bond.width for bond in self.graph.bonds),
+            "equations": equations,
+            "states": len(self.program.states),
+            "loops": loops,
+        }
+
+    def module_text(self) -> str:
+        """The model as a standalone NumPy module."""
+        from bgdsl.backends.numpy import write_module
+
+        return write_module(self.program)
+
+    def compile(self) -> System:
+        """The model with its machine code (compiled when first run)."""
+        return System(self)
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A compiled model: what it computes, and the means to run it."""
+
+    model: Model
+
+    @property
+    def program(self) -> Program:
+        return self.model.program
+
+    @property
+    def states(self) -> tuple[Record, ...]:
+        return self.program.states
+
+    @property
+    def outputs(self) -> tuple[Record, ...]:
+        return tuple(record for record, _ in self.program.outputs)
+
+    @property
+    def inputs(self) -> tuple[Record, ...]:
+        return self.program.inputs
+
+    @property
+    def bonds(self) -> tuple[Record, ...]:
+        return tuple(record for record, _, _ in self.program.bonds)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Every scalar parameter with its default value."""
+        from bgdsl.simulate.options import parameter_values
+
+        return parameter_values(self.program, None, {}, Reporter())
+
+    @cached_property
+    def source(self) -> str:
+        """The text of the generated NumPy module."""
+        return self.model.module_text()
+
+    @cached_property
+    def native(self) -> NativeModel:
+        from bgdsl.backends.native import build
+
+        return build(self.program)
+
+    def simulate(
+        self,
+        experiment: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        output: str | Path | None = None,
+        force: bool = False,
+        quadratures: Quadratures | None = None,
+        progress: Callable[[float], None] | None = None,
+        say: Callable[[str], None] | None = None,
+        **more: Any,
+    ) -> Run:
+        """Run an experiment, or the model as it stands.
+
+        parameters: changes by dotted path; as keywords too (`mA=12.0`). Settings of the run: stop, interval, tolerance (or rtol,
+        atol), method, max_step, window, vars, inputs. With `output` the rows go to that file (CSV, netCDF, Parquet).
+        A structural parameter has the model flattened and compiled again, and `say` is told.
+        """
+        from bgdsl.simulate import run
+
+        settings, changes = _settings(more, parameters)
+        system = self._restructured(experiment, changes, say)
+        changes = {name: value for name, value in changes.items() if name not in system.model.overrides}
+        options = system.options(experiment, changes, settings)
+        return run.simulate(
+            system.native, options, quadratures=quadratures, output=None if output is None else Path(output), force=force, progress=progress
+        )
+
+    def options(self, experiment: str | None, changes: Mapping[str, Any], settings: Settings) -> Options:
+        """What a run with these settings is, all defaults settled."""
+        from bgdsl.simulate.options import resolve_options
+
+        return resolve_options(self.program, experiment, changes, settings, report=Reporter())
+
+    def _restructured(self, experiment: str | None, changes: Mapping[str, Any], say: Callable[[str], None] | None) -> System:
+        """This system, or one compiled anew where the run changes structural parameters."""
+        structural = {p.name for p in self.model.graph.parameters if p.structural}
+        chosen = next((e for e in self.model.graph.experiments if e.name == experiment), None)
+        wanted: dict[str, Any] = {}
+        if chosen is not None:
+            wanted = {name: _constant(value) for name, value in chosen.changes.items() if name.partition("[")[0] in structural}
+        wanted |= {name: value for name, value in changes.items() if name in structural}
+        if not wanted:
+            return self
+        if say is not None:
+            say(f"compiling again for {', '.join(wanted)}")
+        return self.model.changed(wanted).compile()
+
+
+def _constant(value: Expr) -> float:
+    return evaluate(value)
+
+
+_SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift")
+
+
+def _settings(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -> tuple[Settings, dict[str, Any]]:
+    """Keywords sorted into settings of the run and changed parameters."""
+    from bgdsl.simulate.options import Settings
+
+    given = {name: value for name, value in more.items() if name in _SETTINGS and value is not None}
+    variables = more.get("vars")
+    if variables is not None:
+        given["variables"] = tuple(variables)
+    changes = {name: value for name, value in more.items() if name not in _SETTINGS and name != "vars"}
+    return Settings(**given), {**(parameters or {}), **changes}
+
+
+# ------------------------------------------------------------------------------------------------------ checks and tests
+
+
+def check_file(
+    path: Path, *, model: str | None = None, search: Sequence[str | Path] = (), overrides: Mapping[str, Value] | None = None
+) -> list[Diagnostic]:
+    """Every finding in a file: of the model named, or of each of its models."""
+    report = Reporter()
+    try:
+        source = read_source(path, report)
+        report.stop_if_errors()
+    except BgError as error:
+        return list(error.diagnostics)
+    return check_source(source, model=model, search=search, overrides=overrides)
+
+
+def check_source(
+    source: Source, *, model: str | None = None, search: Sequence[str | Path] = (), overrides: Mapping[str, Value] | None = None
+) -> list[Diagnostic]:
+    """As `check_file`, for a text at hand (an editor's, say)."""
+    report = Reporter()
+    try:
+        library = load_library(source, search, report)
+    except BgError:
+        return _distinct(report)
+    names: Sequence[str | None] = [model] if model is not None or overrides else [item.name for item in library.models()]
+    for name in names or [None]:
+        own = Reporter()
+        try:
+            instantiate(library, name, overrides or {}, own).check()
+        except BgError as error:
+            own.diagnostics += error.diagnostics
+        report.diagnostics += own.diagnostics
+    return _distinct(report)
+
+
+def _distinct(report: Reporter) -> list[Diagnostic]:
+    """The findings in the order made; what two models of a file share is said once."""
+    return list(dict.fromkeys(report.diagnostics))
+
+
+def instantiate_modified(
+    library: Library, model: ast.Reference, arguments: tuple[ast.Argument, ...], span: Span, report: Reporter
+) -> Model:
+    """The model as a test writes it, with modifications: flattened from a nameless heir of it."""
+    heir = ast.Model("model", f"{model.text} in test", None, (ast.Extends(model, arguments, span=span),), (), span=span)
+    main = replace(library.main, tree=replace(library.main.tree, items=(*library.main.tree.items, heir)))
+    modules = {key: main if module is library.main else module for key, module in library.modules.items()}
+    return instantiate(replace(library, main=main, modules=modules), heir.name, {}, report)
+
+
+def reference(path: Path, span: Span, report: Reporter) -> Reference:
+    """A recorded file as a test compares runs with it."""
+    from bgdsl.simulate.inputs import read_columns
+
+    return Reference(read_columns(path, report))
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Columns read from a file, looked at as a run is."""
+
+    columns: Mapping[str, Any]
+
+    @property
+    def time(self) -> Any:
+        return self.columns["time"]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.columns)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.columns[name]
+
+
+def is_generated_module(text: str) -> bool:
+    """Whether a text is a module that this tool generated."""
+    return "bgdsl" in text.partition("\n")[0] or '\nTOOL = "bgdsl' in text

@@ -70,10 +70,12 @@ def _placed(text: str, place: str) -> str:
 def states(model: Model) -> list[str]:
     """The states with start value, unit and description."""
     program = model.program
-    return [
-        f"{record.name} = {to_text(start)}" + (f" {record.unit}" if record.unit else "") + (f'  "{record.comment}"' if record.comment else "")
-        for record, start in zip(program.states, program.starts, strict=True)
-    ]
+    lines = []
+    for record, start in zip(program.states, program.starts, strict=True):
+        unit = f" {record.unit}" if record.unit else ""
+        comment = f'  "{record.comment}"' if record.comment else ""
+        lines.append(f"{record.name} = {to_text(start)}{unit}{comment}")
+    return lines
 
 
 VIEWS: Mapping[str, Callable[[Model], list[str]]] = {

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +12,9 @@ from bgdsl.cli import arguments as arg
 from bgdsl.cli import console
 from bgdsl.cli.app import app
 from bgdsl.diagnostics import BgError, Diagnostic
+
+if TYPE_CHECKING:
+    from bgdsl.testing.runner import Outcome
 
 
 @app.command()
@@ -21,7 +25,7 @@ def test(
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
     """Run the tests in .bg files; status 1 if one fails."""
-    from bgdsl.testing.runner import Outcome, collect, run_file
+    from bgdsl.testing.runner import collect, run_file
 
     outcomes: list[Outcome] = []
     unreadable: list[Diagnostic] = []
@@ -46,18 +50,22 @@ def test(
     return 2 if unreadable else int(failed > 0)
 
 
-def _document(outcomes: list) -> dict[str, object]:  # type: ignore[type-arg]
+def _document(outcomes: Sequence[Outcome]) -> dict[str, object]:
     return {
-        "passed": sum(o.passed for o in outcomes),
-        "failed": sum(not o.passed for o in outcomes),
+        "passed": sum(outcome.passed for outcome in outcomes),
+        "failed": sum(not outcome.passed for outcome in outcomes),
         "tests": [
             {
-                "file": str(o.file),
-                "name": o.name,
-                "passed": o.passed,
-                "seconds": o.seconds,
-                "findings": [{"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text} for d in o.findings],
+                "file": str(outcome.file),
+                "name": outcome.name,
+                "passed": outcome.passed,
+                "seconds": outcome.seconds,
+                "findings": [_finding(d) for d in outcome.findings],
             }
-            for o in outcomes
+            for outcome in outcomes
         ],
     }
+
+
+def _finding(d: Diagnostic) -> dict[str, str]:
+    return {"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text}

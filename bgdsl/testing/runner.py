@@ -206,7 +206,10 @@ class _Context:
         except (TypeError, ValueError) as error:
             self.report.fail(CANNOT, str(error), node.span)
         self.report.fail(
-            UNKNOWN, f"`{name}` is neither a run nor a function", node.function.span, helps=did_you_mean(name, (*self.runs, *ELEMENTWISE, *OVER_TIME))
+            UNKNOWN,
+            f"`{name}` is neither a run nor a function",
+            node.function.span,
+            helps=did_you_mean(name, (*self.runs, *ELEMENTWISE, *OVER_TIME)),
         )
 
     def _moment(self, node: ast.Call) -> Value:

@@ -98,7 +98,10 @@ RELATIONS: Mapping[str, Callable[..., Any]] = {
 }
 
 ELEMENTWISE: Mapping[str, Callable[..., Any]] = {
-    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "sign", "floor", "ceil")},
+    **{
+        name: getattr(np, name)
+        for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "sign", "floor", "ceil")
+    },
     "asin": np.arcsin,
     "acos": np.arccos,
     "atan": np.arctan,

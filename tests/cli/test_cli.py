@@ -1,0 +1,141 @@
+"""The command line as scripts rely on it: exit statuses, streams, files, JSON."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from bgdsl.cli.app import run
+
+MODELS = Path(__file__).parents[2] / "models"
+LEVER = str(MODELS / "lever.bg")
+
+
+@dataclass(frozen=True)
+class Result:
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def bgc(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> Result:
+        capsys.readouterr()
+        status = run([str(a) for a in arguments])
+        streams = capsys.readouterr()
+        return Result(status, streams.out, streams.err)
+
+    return call
+
+
+def test_version(bgc: Callable[..., Result]) -> None:
+    result = bgc("--version")
+    assert result.status == 0 and result.out.startswith("bgc 0.")
+
+
+def test_as_a_module() -> None:
+    done = subprocess.run([sys.executable, "-m", "bgdsl", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("bgc 0.")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "absent.bg"),
+        ("check", "."),
+        ("compile", "absent.bg"),
+        ("simulate", LEVER, "--experiment", "kik"),
+        ("simulate", LEVER, "--set", "mAA=2"),
+        ("simulate", LEVER, "--set", "mA"),
+        ("simulate", LEVER, "--method", "euler"),
+        ("simulate", LEVER, "--stop", "-1"),
+        ("simulate", LEVER, "--stop", "nan"),
+        ("simulate", LEVER, "--vars", "vA.e"),
+        ("simulate", LEVER, "-o", "out.xyz"),
+        ("activity", LEVER, "--window", "3,1"),
+        ("condition", LEVER, "-o", "out.bg"),
+        ("condition", LEVER, "--threshold", "-1", "-o", "out.bg"),
+        ("show", LEVER, "--what", "colours"),
+        ("show", LEVER, "--model", "Leverr"),
+        ("explain", "BG999"),
+        ("nonsense",),
+    ],
+    ids=" ".join,
+)
+def test_what_cannot_be_done_says_so(bgc: Callable[..., Result], arguments: tuple[str, ...], tmp_path: Path) -> None:
+    if arguments == ("check", "."):
+        Path("broken.bg").write_text("model")
+    before = sorted(tmp_path.iterdir())
+    result = bgc(*arguments)
+    assert result.status == 2
+    assert result.err.strip() and "Traceback" not in result.err
+    assert sorted(tmp_path.iterdir()) == before, "no half-written file"
+
+
+def test_check_reports_as_json(bgc: Callable[..., Result], tmp_path: Path) -> None:
+    Path("wrong.bg").write_text("model A\n  J1 v;\nequation\n  v -> nothing;\nend A;\n")
+    result = bgc("check", "wrong.bg", "--format", "json")
+    assert result.status == 2
+    (finding, *_) = json.loads(result.out)
+    assert finding["severity"] == "error" and finding["primary"]["line"] == 4
+    assert set(finding) == {"code", "severity", "message", "primary", "others", "notes", "helps"}
+
+
+def test_fmt_check_is_one_where_a_file_is_not_formatted(bgc: Callable[..., Result]) -> None:
+    Path("ugly.bg").write_text("model   A  J1 v;equation end A;")
+    assert bgc("fmt", "--check", "ugly.bg").status == 1
+    assert bgc("fmt", "ugly.bg").status == 0
+    assert bgc("fmt", "--check", "ugly.bg").status == 0
+
+
+def test_compile_replaces_only_its_own_files(bgc: Callable[..., Result]) -> None:
+    assert bgc("compile", LEVER, "-o", "lever.py").status == 0
+    assert bgc("compile", LEVER, "-o", "lever.py").status == 0
+    Path("mine.py").write_text("print('mine')\n")
+    assert bgc("compile", LEVER, "-o", "mine.py").status == 2
+    assert Path("mine.py").read_text() == "print('mine')\n"
+    assert bgc("compile", LEVER, "-o", "mine.py", "--force").status == 0
+
+
+def test_compile_is_deterministic(bgc: Callable[..., Result]) -> None:
+    bgc("compile", LEVER, "-o", "a.py")
+    command = [sys.executable, "-m", "bgdsl", "compile", LEVER, "-o", "b.py"]
+    subprocess.run(command, capture_output=True, check=True, env={"PYTHONHASHSEED": "7", "PATH": "/usr/bin:/bin"})
+    assert Path("a.py").read_bytes() == Path("b.py").read_bytes()
+
+
+@pytest.mark.parametrize("ending", ["csv", "nc", "parquet"])
+def test_simulate_writes_columns(bgc: Callable[..., Result], ending: str) -> None:
+    result = bgc("simulate", LEVER, "--stop", 1, "--interval", 0.25, "--vars", "vA.f,springA.q", "-o", f"out.{ending}")
+    assert result.status == 0, result.err
+    assert Path(f"out.{ending}").stat().st_size > 0
+    if ending == "csv":
+        lines = Path("out.csv").read_text().splitlines()
+        assert lines[0] == "time,vA.f,springA.q" and len(lines) == 6
+
+
+def test_simulate_sets_parameters(bgc: Callable[..., Result]) -> None:
+    light = json.loads(bgc("simulate", LEVER, "--set", "mA=1", "--vars", "vA.f", "--format", "json").out)
+    heavy = json.loads(bgc("simulate", LEVER, "--set", "mA=100", "--vars", "vA.f", "--format", "json").out)
+    assert light["summary"][0]["mean"] != heavy["summary"][0]["mean"]
+    assert light["statistics"]["steps"] > 0
+
+
+def test_explain_lists_and_explains(bgc: Callable[..., Result]) -> None:
+    listed = bgc("explain").out.splitlines()
+    assert len(listed) > 30
+    number = listed[0].split()[0]
+    assert bgc("explain", number.lower()).out.startswith("#")
+
+
+def test_debug_shows_the_traceback(bgc: Callable[..., Result]) -> None:
+    assert "Traceback" in bgc("--debug", "check", "absent.bg").err or "Traceback" in bgc("compile", "absent.bg", "--debug").err

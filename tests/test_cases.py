@@ -42,9 +42,7 @@ def test_case(path: Path) -> None:
 def test_every_code_has_a_case_and_a_page() -> None:
     pages = titles()
     cases = "\n".join(path.read_text("utf-8", errors="replace").partition("\n")[0] for path in CASES.rglob("*.bg"))
-    run_time = {
-        number for number in CODES if number.startswith("BG6") or number.startswith("BG7")
-    }  # found by running, tested where they are raised
+    run_time = {number for number in CODES if number.startswith(("BG6", "BG7"))}  # found by running, tested where they are raised
     tested = "\n".join(path.read_text("utf-8") for path in Path(__file__).parent.rglob("test_*.py"))
     assert sorted(set(CODES) - set(pages)) == [], "codes without a page"
     assert sorted(set(pages) - set(CODES)) == [], "pages of codes that do not exist"

@@ -1,8 +1,8 @@
 """Every code block in the README and in docs/ is run.
 
-A page is a story: its blocks run in order in one folder. ```bg blocks are files: `// file: name.bg` as first line names them (else each gets
-a name of its own), and they must pass `bgc check`; ```python blocks run; in ```console blocks the lines after `$ ` are commands (`bgc`, `cat`), and what they
-print must match what the page shows, where a line `...` stands for any lines and `~` before a number's tail for any digits.
+A page is a story: its blocks run in order in one folder. ```bg blocks are files (`// file: name.bg` as first line names them)
+and must pass `bgc check`; ```python blocks run; in ```console blocks the lines after `$ ` are commands (`bgc`, `cat`), and what
+they print must match what the page shows, where a line `...` stands for any lines and `~1.2` for any number.
 """
 
 from __future__ import annotations

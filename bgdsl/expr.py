@@ -129,6 +129,7 @@ def const(value: float) -> Expr:
 ZERO = const(0.0)
 ONE = const(1.0)
 MINUS_ONE = const(-1.0)
+_SWITCH = (ZERO, ONE)
 TIME = _make("time", ())
 
 
@@ -209,6 +210,10 @@ def _mul(a: Expr, b: Expr) -> Expr:
         if b.op == "mul" and b.args[0].op == "const":
             return _mul(const(value * b.args[0].data), b.args[1])
         return _make("mul", (a, b))
+    for one, other in ((a, b), (b, a)):
+        if one.op == "if" and one.args[1] in _SWITCH and one.args[2] in _SWITCH:
+            # a derivative's switch: what is switched off may be infinite there, and 0 times that is not 0
+            return if_else(one.args[0], other if one.args[1] is ONE else ZERO, other if one.args[2] is ONE else ZERO)
     if a.op == "neg":
         return _mul(a.args[0], b.args[0]) if b.op == "neg" else _neg(_mul(a.args[0], b))
     if b.op == "neg":

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from bgdsl.backends.native.layout import Block, Function, Place, lay_out
 from bgdsl.backends.native.numbers import literal
 from bgdsl.backends.native.tables import table_text
-from bgdsl.backends.native.tape import PARAMETRIC, RELATIONS, LinearSolve, NewtonSolve, Tape
+from bgdsl.backends.tape import PARAMETRIC, RELATIONS, LinearSolve, NewtonSolve, Tape
 
 CHUNK = 250
 """Operands in one function, about."""

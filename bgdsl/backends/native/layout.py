@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bgdsl.backends.native.tape import LEAVES, PARAMETRIC, LinearSolve, NewtonSolve, Tape
+from bgdsl.backends.tape import LEAVES, PARAMETRIC, LinearSolve, NewtonSolve, Tape
 
 Place = tuple[str, int]
 """An array of the kernel (`w` work, `o` out, `c` constants) and an index into it."""

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bgdsl.backends.native.emit import FIRST, INFO, WARM, Code, emit
-from bgdsl.backends.native.interpret import Unsolvable, interpret, matrix
+from bgdsl.backends.interpret import UnsolvableError, interpret, matrix
 from bgdsl.backends.native.jit import Loaded, machine_code, runtime
 from bgdsl.backends.native.layout import factor_size
-from bgdsl.backends.native.tape import Names, Tape, linearise, names
+from bgdsl.backends.tape import Names, Tape, linearise, names
 from bgdsl.expr import Expr
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Program
@@ -78,7 +78,7 @@ class NativeKernel:
         results: list[Any] = [math.nan] * len(self.tape.ops)
         try:
             interpret(self.tape, self._order, results, values)
-        except Unsolvable as failure:
+        except UnsolvableError as failure:
             return failure.step + 1
         self._constants[:-1] = [results[k] for k in self.code.constants]
         for block, place in self.code.factors:

@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from bgdsl.backends.native.tape import LinearSolve, NewtonSolve, Tape
+from bgdsl.backends.tape import LinearSolve, NewtonSolve, Tape
 from bgdsl.expr import FUNCTIONS
 
 _BINARY: Mapping[str, Callable[[float, float], float]] = {
@@ -37,7 +37,7 @@ _UNARY: Mapping[str, Callable[[float], float]] = {
 }
 
 
-class Unsolvable(ArithmeticError):
+class UnsolvableError(ArithmeticError):
     """A block that has no solution at these values; `step` is its number, `residual` what an iteration left."""
 
     def __init__(self, step: int, residual: float = math.nan) -> None:
@@ -47,7 +47,7 @@ class Unsolvable(ArithmeticError):
 
 
 def interpret(tape: Tape, order: Iterable[int], values: list[Any], parameters: Sequence[float]) -> None:
-    """Fill `values[i]` for the operations of `order` (in order). Unsolvable where a block cannot be solved."""
+    """Fill `values[i]` for the operations of `order` (in order). UnsolvableError where a block cannot be solved."""
     ops, args, data = tape.ops, tape.args, tape.data
     for i in order:
         operands = args[i]
@@ -69,7 +69,7 @@ def interpret(tape: Tape, order: Iterable[int], values: list[Any], parameters: S
             else:
                 values[i] = _special(tape, op, operands, data[i], values, parameters)
         except (ArithmeticError, ValueError) as error:
-            if isinstance(error, Unsolvable):
+            if isinstance(error, UnsolvableError):
                 raise
             values[i] = _ieee(op, [values[k] for k in operands])
 
@@ -93,7 +93,12 @@ def _ieee(op: str, operands: list[float]) -> float:
     """The result where Python raises and IEEE arithmetic does not."""
     import numpy as np
 
-    spelled = {"div": np.true_divide, "pow": np.power, "reciprocal": lambda a: np.true_divide(1.0, a), "square": np.square}
+    spelled: dict[str, Callable[..., Any]] = {
+        "div": np.true_divide,
+        "pow": np.power,
+        "reciprocal": lambda a: np.true_divide(1.0, a),
+        "square": np.square,
+    }
     named = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "cube": lambda a: a * a * a}
     with np.errstate(all="ignore"):
         function = spelled.get(op) or named.get(op) or getattr(np, op)
@@ -116,7 +121,7 @@ def _solve(a: Any, b: Any, step: int) -> Any:
     try:
         z = np.linalg.solve(a, b)
     except np.linalg.LinAlgError:
-        raise Unsolvable(step) from None
+        raise UnsolvableError(step) from None
     return z
 
 
@@ -157,4 +162,4 @@ def _newton(tape: Tape, block: NewtonSolve, values: list[Any], parameters: Seque
         z, f = new, tried
         if done:
             return [float(value) for value in z]
-    raise Unsolvable(block.step, float(np.max(np.abs(f))))
+    raise UnsolvableError(block.step, float(np.max(np.abs(f))))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bgdsl.expr import Expr, Table, topological, var
-from bgdsl.ir.program import Assign, SolveLinear, SolveNewton, Step, defined, read
+from bgdsl.ir.program import Assign, SolveLinear, SolveNewton, Step, read
 
 PARAMETRIC = 1
 VARYING = 2
@@ -215,10 +215,13 @@ class _Builder:
             return self.ids[meaning.values[name]]
         number, place = meaning.solved[name]
         if number not in self.blocks:
-            step = meaning.steps[number]
-            self.blocks[number] = self.place_linear(number, step) if isinstance(step, SolveLinear) else self.place_newton(number, step)
+            self.blocks[number] = self.place_block(number, meaning.steps[number])
         block = self.blocks[number]
         return self.emit("z", (block,), place, self.tape.levels[block])
+
+    def place_block(self, number: int, step: Step) -> int:
+        assert not isinstance(step, Assign)
+        return self.place_linear(number, step) if isinstance(step, SolveLinear) else self.place_newton(number, step)
 
     def place_linear(self, number: int, step: SolveLinear) -> int:
         ids, levels = self.ids, self.tape.levels

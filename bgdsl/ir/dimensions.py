@@ -108,7 +108,7 @@ def agree(a: Unit, b: Unit) -> bool:
 # ------------------------------------------------------------------------------------------------------------ from text
 
 
-_TOKEN = re.compile(r"\s*(?:(?P<symbol>[^\W\d]+|%|°C)(?:\^|\*\*)?(?P<exponent>[+-]?\d+)?|(?P<number>\d+)|(?P<sign>[./*()·]))")
+_TOKEN = re.compile(r"\s*(?:(?P<symbol>[^\W\d]+|%|°C)(?:(?:\^|\*\*)?(?P<exponent>[+-]?\d+))?|(?P<number>\d+)|(?P<sign>[./*()·]))")
 
 
 @cache

@@ -5,16 +5,22 @@ Two nodes a junction: its variable (2 j), and the sum of what its terms bring, t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from bgdsl.ir.scalar import ScalarGraph
 
 Graph = list[list[int]]
 
 
-def dependence(scalar: ScalarGraph, determiner: Sequence[int], alike: Sequence[bool], algebraic: Sequence[bool]) -> Graph:
-    """For every node the nodes it is computed from. determiner: -1 where there is none; algebraic: for every one-port term,
-    does it give out a function of what it receives at the same instant (a resistor, a user element)?"""
+def dependence(
+    scalar: ScalarGraph, determiner: Sequence[int], alike: Sequence[bool], algebraic: Sequence[bool], surplus: Collection[int] = ()
+) -> Graph:
+    """For every node the nodes it is computed from.
+
+    determiner: -1 where there is none; algebraic: for every one-port term, does it give out a function of what it receives at
+    the same instant (a resistor, a user element)? surplus: terms of two-ports whose relation is a constraint: they bring an
+    unknown that depends on nothing.
+    """
     graph: Graph = [[] for _ in range(2 * len(scalar.junctions))]
     for term in scalar.terms:
         j, t = term.junction, term.index
@@ -23,12 +29,24 @@ def dependence(scalar: ScalarGraph, determiner: Sequence[int], alike: Sequence[b
             if algebraic[t]:
                 graph[2 * j + (not chosen)].append(2 * j + chosen)
             continue
+        if t in surplus:
+            continue
         far = scalar.terms[term.other].junction
         if chosen:
             graph[2 * j].append(2 * far + alike[t])
         else:
             graph[2 * j + 1].append(2 * far + (not alike[t]))
     return graph
+
+
+def reachable(graph: Graph, starts: Iterable[int]) -> Iterator[int]:
+    """The nodes that the start nodes are computed from, themselves included, nearest first."""
+    seen = dict.fromkeys(starts)
+    queue = list(seen)
+    for node in queue:
+        yield node
+        queue += (before for before in dict.fromkeys(graph[node]) if before not in seen)
+        seen.update(dict.fromkeys(graph[node]))
 
 
 def strong_components(graph: Graph) -> list[list[int]]:

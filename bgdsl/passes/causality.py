@@ -13,24 +13,20 @@ elements in the direction their laws are written, then what remains; each in dec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Reporter
 from bgdsl.expr import leaves
 from bgdsl.ir.causal import CausalGraph, Constrained, Reason
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
-from bgdsl.passes.causal_loops import causal_loops, dependence
+from bgdsl.passes.causal_errors import dependent_storages, one_way_law, refused_stroke, sources_only, two_sources
+from bgdsl.passes.causal_loops import Graph, causal_loops, dependence, reachable
+from bgdsl.passes.causal_story import Step, Story
 from bgdsl.passes.moduli import Moduli
 from bgdsl.passes.propagation import Assignment, Conflict
 from bgdsl.passes.strokes import bond_strokes, demands
-
-TWO_EFFORTS = Code("BG401", "two sources fix one effort")
-TWO_FLOWS = Code("BG402", "two sources fix one flow")
-NOTHING_SETS = Code("BG403", "nothing can set a junction's variable")
-STROKE = Code("BG404", "an asserted causal stroke cannot be honoured")
-ONE_WAY = Code("BG405", "a law works in the other direction only")
-DEPENDENT = Code("BG420", "a storage has derivative causality", "warning")
 
 
 def assign_causality(scalar: ScalarGraph, report: Reporter) -> CausalGraph:
@@ -40,7 +36,9 @@ def assign_causality(scalar: ScalarGraph, report: Reporter) -> CausalGraph:
     report.stop_if_errors()
     scap.assert_strokes()
     scap.prefer_storages()
+    scap.let_followed_be_states()
     scap.choose_free()
+    scap.check_constraints()
     report.stop_if_errors()
     return scap.result()
 
@@ -52,14 +50,19 @@ class _Scap:
         self.scalar = scalar
         self.report = report
         self.state = Assignment(scalar)
-        self.elements = {element.name: element for element in scalar.graph.elements}
+        self.story = Story(scalar)
+        self.elements = self.story.elements
         self.related = {relation.term for relation in scalar.relations}
         self.constrained: dict[tuple[int, int | None], Constrained] = {}
         self.derivative: dict[str, tuple[int, ...]] = {}
+        self.first_dependent: list[Step] = []
         self.ports: dict[str, list[Term]] = {}
         for term in scalar.terms:
             if term.other is None and term.element is not None:
                 self.ports.setdefault(term.element, []).append(term)
+        self.algebraic = [
+            term.other is None and term.element is not None and self.elements[term.element].kind in ("R", "field") for term in scalar.terms
+        ]
         for terms in self.ports.values():
             terms.sort(key=lambda term: (term.port, term.spot))
 
@@ -158,14 +161,14 @@ class _Scap:
         other = self.scalar.terms[present]
         if reason.cause == "source":
             if self.is_source(other):
-                self.two_sources(other, term)
+                two_sources(self.story, self.report, other, term)
             self.state.drop(term.index)
             self.constrained[j, term.index] = Constrained(j, term.element, term.index)
         elif self.elements[term.element or ""].kind == "field":
             self.state.drop(term.index)
             self.constrained[j, term.index] = Constrained(j, None, term.index)
         else:
-            self.one_way(term, present)
+            one_way_law(self.story, self.report, term, 1, self.steps(self.chain([present])))
             self.state.drop(term.index)
 
     def settle_second(self, term: Term, reason: Reason) -> None:
@@ -206,7 +209,7 @@ class _Scap:
                 conflict = conflict or self.state.set(term, value, Reason("asserted"))
             conflict = conflict or self.state.propagate()
             if conflict is not None:
-                self.refuse_stroke(bond.name, conflict)
+                refused_stroke(self.story, self.report, bond, self.steps(self.chain(self.causes(conflict))))
                 self.state.undo(mark)
         self.report.stop_if_errors()
 
@@ -221,27 +224,30 @@ class _Scap:
         state = self.state
         wanted = int(self.sets(term, element.kind == "C"))
         if state.value[term.index] < 0:
-            conflict, path = self.attempt(term, wanted, Reason("storage"))
-            if conflict is None:
+            path = self.attempt(term, wanted, Reason("storage"))
+            if path is None:
                 return
-            if self.attempt(term, 1 - wanted, Reason("derivative"))[0] is not None:
+            if self.attempt(term, 1 - wanted, Reason("derivative")) is not None:
                 state.set(term.index, wanted, Reason("storage"))
                 self.follow()
                 return
-            self.derivative[element.states[term.spot]] = path
         elif state.value[term.index] != wanted:
-            self.derivative[element.states[term.spot]] = self.chain([term.index])
+            path = self.steps(self.chain([term.index]))
+        else:
+            return
+        self.first_dependent = self.first_dependent or path
+        self.derivative[element.states[term.spot]] = tuple(step.term for step in path)
 
-    def attempt(self, term: Term, value: int, reason: Reason) -> tuple[Conflict | None, tuple[int, ...]]:
-        """Set a term and follow it; on a conflict, the terms that led to it, with everything as before."""
+    def attempt(self, term: Term, value: int, reason: Reason) -> list[Step] | None:
+        """Set a term and follow it; on a conflict, the steps that led to it, with everything as before."""
         state = self.state
         mark = state.mark()
         conflict = state.set(term.index, value, reason) or state.propagate()
         if conflict is None:
-            return None, ()
-        path = self.chain([term.index, *self.causes(conflict)])
+            return None
+        path = self.steps(self.chain([term.index, *self.causes(conflict)]))
         state.undo(mark)
-        return conflict, path
+        return path
 
     def choose_free(self) -> None:
         """Resistors and user elements in the direction of their laws, then whatever is still open."""
@@ -256,10 +262,91 @@ class _Scap:
         if self.state.value[term.index] >= 0:
             return
         for choice in (value, 1 - value):
-            if self.attempt(term, choice, Reason("chosen"))[0] is None:
+            if self.attempt(term, choice, Reason("chosen")) is None:
                 return
         self.state.set(term.index, value, Reason("chosen"))
         self.follow()
+
+    # ------------------------------------------------------------------------------------------------------ constraints
+
+    def dependence(self) -> Graph:
+        """What each junction's variable and sum is computed from, as far as causality is assigned."""
+        surplus = {end for c in self.constrained.values() if c.term is not None for end in (c.term, self.state.other[c.term])}
+        return dependence(self.scalar, self.state.determiner, self.state.alike, self.algebraic, surplus)
+
+    def let_followed_be_states(self) -> None:
+        """A junction without determiner that dependent storages follow: its variable becomes a state in their place.
+
+        (A rod without inertia that swings a mass through sines and cosines: neither momentum can be the state, the angular
+        velocity can.) Its resistors then receive its variable.
+        """
+        if not self.derivative:
+            return
+        starts = [2 * self.scalar.terms[path[0]].junction for path in self.derivative.values()]
+        state = self.state
+        for node in reachable(self.dependence(), starts):
+            j = node // 2
+            if node % 2 == 0 and state.determiner[j] < 0:
+                for t in self.scalar.terms_at[j]:
+                    if state.value[t] < 0:
+                        state.set(t, 0, Reason("promoted"))
+                self.free_junction(j)
+                self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
+        self.follow()
+
+    def check_constraints(self) -> None:
+        """Every constraint must be about more than what sources give."""
+        graph = self.dependence() if self.constrained else []
+        for place in self.constrained.values():
+            if not place.velocity:
+                self.check_constraint(graph, place)
+
+    def check_constraint(self, graph: Graph, place: Constrained) -> None:
+        parents = dict.fromkeys(self.origins(place), -1)
+        queue = list(parents)
+        found: dict[int, int] = {}
+        for node in queue:
+            j = node // 2
+            if j != place.junction and node % 2 == 0 and self.state.determiner[j] < 0:
+                return  # another constraint's multiplier
+            for t in self.brought(node):
+                if not self.is_source(self.scalar.terms[t]):
+                    return
+                found.setdefault(t, node)
+            for before in graph[node]:
+                if before not in parents:
+                    parents[before] = node
+                    queue.append(before)
+        if place.source is not None and place.term is not None:
+            found = {place.term: -1, **found}
+        path = [t for source, node in list(found.items())[:4] for t in self.way(parents, source, node)]
+        sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], path)
+
+    def origins(self, place: Constrained) -> list[int]:
+        """The nodes of the dependence graph that a constraint reads."""
+        if place.term is None:
+            return [2 * place.junction + 1]
+        far = self.scalar.terms[place.term].other
+        beyond = [] if far is None else [2 * self.scalar.terms[far].junction + self.state.alike[place.term]]
+        return [2 * place.junction, *beyond]
+
+    def brought(self, node: int) -> list[int]:
+        """The one-port terms that give a value to this node: the determiner, or all others."""
+        j, summed = divmod(node, 2)
+        present = self.state.determiner[j]
+        terms = [t for t in self.scalar.terms_at[j] if t != present] if summed else [present] if present >= 0 else []
+        return [t for t in terms if self.scalar.terms[t].other is None]
+
+    def way(self, parents: dict[int, int], source: int, node: int) -> list[int]:
+        """The terms from a constrained junction to a source that it depends on."""
+        way = [source]
+        while node >= 0 and (before := parents[node]) >= 0:
+            there = node // 2
+            here = before // 2
+            link = (t for t in self.scalar.terms_at[here] if self.state.other[t] >= 0 and self.state.junction[self.state.other[t]] == there)
+            way += [t for t in (next(link, None),) if t is not None]
+            node = before
+        return way[::-1]
 
     # ----------------------------------------------------------------------------------------------------- explanations
 
@@ -274,11 +361,17 @@ class _Scap:
             found.append(self.state.determiner[conflict.junction])
         return found
 
-    def chain(self, starts: list[int]) -> tuple[int, ...]:
-        """The terms from which the values of the start terms follow, nearest first, back to choices and facts."""
+    def steps(self, terms: Iterable[int]) -> list[Step]:
+        """What these terms are at this moment, and why."""
+        return [Step(t, self.state.value[t], self.state.reason[t]) for t in terms]
+
+    def chain(self, starts: list[int], most: int = 100) -> tuple[int, ...]:
+        """The terms from which the values of the start terms follow, nearest first, back to choices and facts (or so many)."""
         seen = dict.fromkeys(starts)
         queue = list(starts)
         for t in queue:
+            if len(seen) >= most:
+                break
             reason = self.state.reason[t]
             if reason.term is not None:
                 before = [reason.term]
@@ -292,38 +385,14 @@ class _Scap:
                     queue.append(b)
         return tuple(seen)
 
-    def two_sources(self, first: Term, second: Term) -> None:
-        effort = self.elements[first.element or ""].kind.endswith("e")
-        junction = self.scalar.junctions[first.junction]
-        word, kind = ("effort", 0) if effort else ("flow", 1)
-        a, b = self.elements[first.element or ""], self.elements[second.element or ""]
-        self.report.add(
-            TWO_EFFORTS if effort else TWO_FLOWS,
-            f"two {word} sources fix the {word} of {kind}-junction `{junction.name}`",
-            b.origin.span,
-            "second source, here",
-            others=[(a.origin.span, "first source")],
-            notes=[f"a {kind}-junction has one {word}; only one bond may set it"],
-            helps=[f"put a {1 - kind}-junction with an R between one source and `{junction.name}`"],
-        )
-
-    def one_way(self, term: Term, present: int) -> None:
-        element = self.elements[term.element or ""]
-        self.report.add(ONE_WAY, f"the law of `{element.name}` cannot be turned around", element.origin.span, "here")
-
-    def refuse_stroke(self, bond: str, conflict: Conflict) -> None:
-        flat = next(b for b in self.scalar.graph.bonds if b.name == bond)
-        self.report.add(STROKE, f"the causal stroke of bond `{bond}` cannot be honoured", flat.origins[-1].span, "asserted here")
-
     # ----------------------------------------------------------------------------------------------------------- result
 
     def result(self) -> CausalGraph:
         state, scalar = self.state, self.scalar
         determiner = tuple(None if t < 0 else t for t in state.determiner)
-        algebraic = [
-            term.other is None and term.element is not None and self.elements[term.element].kind in ("R", "field") for term in scalar.terms
-        ]
-        loops = causal_loops(dependence(scalar, state.determiner, state.alike, algebraic))
+        loops = causal_loops(self.dependence())
+        if self.derivative:
+            dependent_storages(self.story, self.report, self.derivative, self.first_dependent)
         strokes = bond_strokes(scalar, determiner, [value == 1 for value in state.value])
         constrained = tuple(self.constrained.values())
         return CausalGraph(scalar, determiner, strokes, self.derivative, constrained, loops, tuple(state.reason))

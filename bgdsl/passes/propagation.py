@@ -91,9 +91,11 @@ class Assignment:
             conflict = self.set(far, wanted, Reason("far", term))
             if conflict is not None:
                 return conflict
-        if self.determiner[j] >= 0:
-            return self._take(j) if self.determiner[j] == term else None
-        return self._last(j) if j not in self.free else None
+        if self.determiner[j] == term:
+            self._take(j)
+        elif self.determiner[j] < 0 and j not in self.free:
+            return self._last(j)
+        return None
 
     def _take(self, j: int) -> None:
         """All other terms of a determined junction are no determiners."""

@@ -298,6 +298,7 @@ def _warn_loop(work: _Work, group: list[int], bond: Bond, report: Reporter) -> N
     if any(d.code is LIKE_LOOP and d.primary.span == bond.origins[-1].span for d in report.diagnostics[-8:]):
         return  # another component of the same vector bond
     names = [work.nodes[number].name for number in group]
+    one, parted = ("flow", "efforts") if kind else ("effort", "flows")
     shown = ", ".join(f"`{name}`" for name in names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
     report.add(
         LIKE_LOOP,
@@ -305,7 +306,7 @@ def _warn_loop(work: _Work, group: list[int], bond: Bond, report: Reporter) -> N
         bond.origins[-1].span,
         "closes the loop",
         notes=[
-            f"{shown} share one {'flow' if kind else 'effort'}, so how the {'efforts' if kind else 'flows'} divide around the loop is not determined",
+            f"{shown} share one {one}, so how the {parted} divide around the loop is not determined",
             f"`{bond.name}` is taken to carry none; every other variable is unaffected",
         ],
         helps=["remove one bond of the loop"],

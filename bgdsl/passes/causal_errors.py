@@ -1,0 +1,162 @@
+"""What causality has to report, with the chain of implications behind it.
+
+Reports      BG401 effort fixed twice, BG402 flow fixed twice, BG403 a junction that nothing can set, BG404 a stroke that cannot
+             be honoured, BG405 a law that works in one direction only, BG420 derivative causality (warning)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from bgdsl.diagnostics import Code, Reporter
+from bgdsl.ir.causal import Constrained
+from bgdsl.ir.graph import Bond
+from bgdsl.ir.scalar import Term
+from bgdsl.passes.causal_story import Step, Story
+
+TWO_EFFORTS = Code("BG401", "two sources fix one effort")
+TWO_FLOWS = Code("BG402", "two sources fix one flow")
+NOTHING_SETS = Code("BG403", "nothing can set a junction's variable")
+STROKE = Code("BG404", "an asserted causal stroke cannot be honoured")
+ONE_WAY = Code("BG405", "a law works in the other direction only")
+DEPENDENT = Code("BG420", "a storage has derivative causality", "warning")
+
+
+def two_sources(story: Story, report: Reporter, first: Term, second: Term) -> None:
+    """Two sources of one kind on one junction."""
+    junction = story.scalar.junctions[first.junction]
+    kind, word = junction.kind, "flow" if junction.kind else "effort"
+    report.add(
+        TWO_FLOWS if kind else TWO_EFFORTS,
+        f"two {word} sources fix the {word} of {kind}-junction `{junction.name}`",
+        story.span(second),
+        "second source, here",
+        others=[(story.span(first), "first source")],
+        notes=[f"a {kind}-junction has one {word}; only one bond may set it"],
+        helps=[f"put a {1 - kind}-junction with an R between one source and `{junction.name}`"],
+    )
+
+
+def sources_only(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
+    """A constraint that no state and no resistor can satisfy: everything in it comes from sources along the terms of the path."""
+    if place.term is None:
+        _nothing_sets(story, report, place, sources, path)
+    else:
+        _fixed_twice(story, report, place, sources, path)
+
+
+def _nothing_sets(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
+    junction = story.scalar.junctions[place.junction]
+    word, given = ("flow", "effort") if junction.kind else ("effort", "flow")
+    span = junction.origin.span
+    shown = {source.element or "": source for source in sources}
+    notes = [f"every {given} at a {junction.kind}-junction is given here, and their sum has to be zero whatever the {word} is"]
+    if not sources:
+        notes = [f"`{junction.name}` has no bond to an element" if path else f"`{junction.name}` has no bonds"]
+    report.add(
+        NOTHING_SETS,
+        f"nothing can set the {word} of {junction.kind}-junction `{junction.name}`",
+        span,
+        f"its {word} is not determined",
+        others=[
+            *((story.span(source), f"fixes its {given}") for source in shown.values()),
+            *story.places((t for t in path if story.scalar.terms[t].element not in shown), "on the way", span),
+        ],
+        notes=[*notes, *_way(story, path)],
+        helps=[f"bond an element to `{junction.name}` that gives its {word}: {'an I or R' if junction.kind else 'a C or R'}"]
+        if sources
+        else [],
+    )
+
+
+def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
+    junction = story.scalar.junctions[place.junction]
+    word = "flow" if junction.kind else "effort"
+    last, *before = sources
+    names = {source.element or "": source for source in before}
+    report.add(
+        TWO_FLOWS if junction.kind else TWO_EFFORTS,
+        f"the {word} of {junction.kind}-junction `{junction.name}` is fixed more than once by sources",
+        story.span(last),
+        "this source, and",
+        others=[
+            *((story.span(source), "this one") for source in names.values()),
+            *story.places((t for t in path if story.scalar.terms[t].element not in {*names, last.element}), "on the way", story.span(last)),
+        ],
+        notes=[f"a {junction.kind}-junction has one {word}; only one bond may set it", *_way(story, path)],
+        helps=["put an element that gives way between the sources: an R, or a C or I"],
+    )
+
+
+def _way(story: Story, path: Sequence[int]) -> list[str]:
+    """The chain of junctions, bonds and elements, in one line."""
+    names = list(dict.fromkeys(part for t in path for part in _along(story, story.scalar.terms[t])))
+    if len(names) > 16:
+        names = [*names[:8], "...", *names[-7:]]
+    return [f"the chain: {' - '.join(names)}"] if len(names) > 1 else []
+
+
+def _along(story: Story, term: Term) -> tuple[str, ...]:
+    return f"`{story.scalar.junctions[term.junction].name}`", story.named(term)
+
+
+def refused_stroke(story: Story, report: Reporter, bond: Bond, steps: Sequence[Step]) -> None:
+    """An asserted stroke that contradicts what is fixed."""
+    other = {"tail": "head", "head": "tail"}[bond.stroke or "head"]
+    arrow = {"tail": "|-> (|=>)", "head": "->| (=>|)"}
+    span = bond.origins[-1].span
+    report.add(
+        STROKE,
+        f"the causal stroke of bond `{bond.name}` cannot be honoured",
+        span,
+        f"effort cannot act on the {'end' if bond.stroke == 'head' else 'start'} of this bond",
+        others=story.places((step.term for step in steps), "this takes part", span),
+        notes=story.sentences(
+            [step for step in steps if step.reason.cause != "asserted" or story.scalar.terms[step.term].bond != bond.name]
+        ),
+        helps=[f"write `{arrow[other]}`, or leave the stroke to the compiler: `->` (`=>`)"],
+    )
+
+
+def one_way_law(story: Story, report: Reporter, term: Term, value: int, steps: Sequence[Step]) -> None:
+    """A law that would have to be turned around and cannot."""
+    element = story.elements[term.element or ""]
+    law = element.laws[min(term.spot, len(element.laws) - 1)]
+    gives, wanted = (story.given(term, value), story.given(term, 1 - value))
+    report.add(
+        ONE_WAY,
+        f"the law of `{element.name}` gives its {gives}, and its {wanted} is needed",
+        law.origin.span,
+        f"this cannot be solved for the {wanted}",
+        others=story.places((step.term for step in steps), "this takes part", law.origin.span),
+        notes=story.sentences(steps),
+        helps=[
+            f"let something else set {story.variable(term.junction)}: a parasitic {'I' if gives == 'effort' else 'C'} there, for instance"
+        ],
+    )
+
+
+def dependent_storages(story: Story, report: Reporter, derivative: Mapping[str, tuple[int, ...]], first: Sequence[Step]) -> None:
+    """One warning for all storages in derivative causality; the first one's story is told."""
+    terms = [story.scalar.terms[path[0]] for path in derivative.values()]
+    states = list(derivative)
+    elements = dict.fromkeys(term.element or "" for term in terms)
+    span = story.span(terms[0])
+    more = [story.span(story.scalar.terms[path[0]]) for path in derivative.values()]
+    others = list(dict.fromkeys((s.source, s.start, s.end) for s in more if s != span))
+    spans = [next(s for s in more if (s.source, s.start, s.end) == key) for key in others[:5]]
+    count = f"{len(elements)} storages have" if len(elements) > 1 else f"`{terms[0].element}` has"
+    report.add(
+        DEPENDENT,
+        f"{count} derivative causality: {_listed(states)} {'follow' if len(states) > 1 else 'follows'} from other states",
+        span,
+        "not independent",
+        others=[(s, "nor is this") for s in spans],
+        notes=story.sentences(first),
+        helps=["nothing has to be done: the equations are exact; a C or an R between the parts would make them independent"],
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(f"`{name}`" for name in names[:4])
+    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"

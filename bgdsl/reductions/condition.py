@@ -165,18 +165,15 @@ def parameter_values(graph: BondGraph, changes: Mapping[str, float] | None = Non
 def settle(scalar: ScalarGraph, decision: Decision) -> Decision:
     """The decision made consistent: chains through two-bond junctions go whole, elements of which something is needed stay as observers."""
     dropped = set(decision.dropped)
+    read = owners(read_names(scalar.graph))
     for chain in chains(scalar):
-        if len(chain) > 2 and chain[0] in dropped and chain[-1] in dropped:
+        last = scalar.terms[chain[-1]]
+        if len(chain) > 2 and chain[0] in dropped and (chain[-1] in dropped or (last.other is None and last.element not in read)):
             dropped.update(chain)
-    observers = _needed_elements(scalar, dropped)
-    return replace(decision, dropped=frozenset(dropped), observers=frozenset(observers))
-
-
-def _needed_elements(scalar: ScalarGraph, dropped: set[int]) -> set[str]:
-    """Elements with dropped terms that have to stay: a variable is read, or another port or component still acts."""
     touched = {scalar.terms[t].element for t in dropped if scalar.terms[t].other is None}
     acting = {term.element for term in scalar.terms if term.other is None and term.index not in dropped}
-    return {name for name in touched & (acting | owners(read_names(scalar.graph))) if name is not None}
+    observers = frozenset(name for name in touched & (acting | read) if name is not None)
+    return replace(decision, dropped=frozenset(dropped), observers=observers)
 
 
 def chains(scalar: ScalarGraph) -> Iterator[tuple[int, ...]]:

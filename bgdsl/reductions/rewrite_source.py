@@ -1,0 +1,158 @@
+"""A decision written as source: the conditioned model in the language itself.
+
+Input        Library, ScalarGraph, ActivityReport, Decision, Provenance
+Output       Rewrite      the text of the new file, or the same text where nothing is dropped
+Establishes  the new text says the full model's equations less the dropped terms; every byte that need not change stays
+Reports      nothing: a term whose change cannot be written stays, with the reason, in `Rewrite.taken_back`
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bgdsl.ir.activity import ActivityReport
+from bgdsl.ir.library import Library
+from bgdsl.ir.rewrite import Change, Rewrite
+from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.reductions.condition import Decision, owners, read_names, settle
+from bgdsl.reductions.cuts import PortBonds, Writer, write_cut, write_removal
+from bgdsl.reductions.documents import document
+from bgdsl.reductions.plan import Plan, plan
+from bgdsl.reductions.source_map import SourceMap, UnwritableError
+from bgdsl.reductions.specialise import specialise
+from bgdsl.reductions.two_ports import write_split
+from bgdsl.source import Edit
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a reduced model comes from, as its annotation says; `settings` are further `name = value` texts."""
+
+    source: str
+    digest: str
+    model: str
+    experiment: str | None
+    window: tuple[float, float]
+    tool: str
+    kind: str = "conditioned"
+    settings: tuple[tuple[str, str], ...] = ()
+
+    def annotation(self) -> str:
+        """The annotation's text; it names no folder, no machine and no date."""
+        parts = [f'source = "{self.source}"', f'sha256 = "{self.digest}"']
+        if self.experiment is not None:
+            parts.append(f'experiment = "{self.experiment}"')
+        parts.append(f"window = {{{number(self.window[0])}, {number(self.window[1])}}}")
+        parts += [f"{name} = {value}" for name, value in self.settings]
+        parts.append(f'tool = "{self.tool}"')
+        return f"annotation({self.kind}({', '.join(parts)}));"
+
+
+def number(value: float) -> str:
+    """A number as the language writes it: the shortest text that gives it back."""
+    if value == int(value) and abs(value) < 1e15:
+        return str(int(value))
+    return repr(value)
+
+
+def rewrite(
+    library: Library,
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    decision: Decision,
+    provenance: Provenance,
+    *,
+    folder: Path | None = None,
+    more: tuple[Edit, ...] = (),
+) -> tuple[Rewrite, Decision]:
+    """The new text, and the decision as it was written: less the terms whose change cannot be written.
+
+    folder: where the file goes, if not beside the model; more: further edits of the main file. UnwritableError if the file
+    cannot be put together at all.
+    """
+    taken_back: dict[int, str] = {}
+    while True:
+        task = plan(scalar, decision)
+        if task.empty and not more:
+            return Rewrite(library.main.source.text, taken_back=taken_back), decision
+        try:
+            return _written(library, scalar, report, task, provenance, folder, more, taken_back), decision
+        except UnwritableError as problem:
+            back = [t for t in problem.terms if t in decision.dropped]
+            if not back:
+                raise
+            taken_back.update((t, problem.reason) for t in back)
+            decision = settle(scalar, decision.without(back))
+
+
+def _written(
+    library: Library,
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    task: Plan,
+    provenance: Provenance,
+    folder: Path | None,
+    more: tuple[Edit, ...],
+    taken_back: Mapping[int, str],
+) -> Rewrite:
+    texts = SourceMap(library, scalar.graph)
+    writer = Writer(texts)
+    comments = term_comments(scalar, report)
+    bonds = port_bonds(scalar)
+    read = owners(read_names(scalar.graph))
+    kinds = {term.index: scalar.junctions[term.junction].kind for term in scalar.terms}
+    terms: dict[str, list[int]] = defaultdict(list)
+    for split in task.splits:
+        write_split(writer, split, bonds, kinds, comments, read)
+        terms[split.element.origin.path] += [t for e in split.entries for t in e.terms]
+    for cut in task.cuts:
+        write_cut(writer, cut, comments)
+        for origin in (cut.bond.origins[0], cut.bond.origins[-1]):
+            terms[origin.path] += [t for pair in cut.terms.values() for t in pair]
+    for removal in task.removals:
+        write_removal(writer, removal, bonds, comments)
+        terms[removal.element.origin.path] += removal.terms
+    variants = specialise(texts, writer.edits, terms)
+    text = document(texts, variants, provenance.annotation(), folder, more)
+    specialised = {v.name: v.unit.model.name for v in variants if v.renamed}
+    forward = {removal.element.name: None for removal in task.removals if removal.gone}
+    return Rewrite(text, _changes(scalar, task, comments), forward, specialised, dict(taken_back))
+
+
+def _changes(scalar: ScalarGraph, task: Plan, comments: Mapping[int, str]) -> tuple[Change, ...]:
+    dropped = [t for cut in task.cuts for c, a in cut.actions.items() for t in _ends(cut.terms[c], a)]
+    dropped += [t for s in task.splits for e in s.entries for t, gone in zip(e.terms, e.dropped, strict=True) if gone]
+    dropped += [t for removal in task.removals for t in removal.terms]
+    return tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(dropped))
+
+
+def _ends(pair: tuple[int, int], action: str) -> tuple[int, ...]:
+    return pair if action == "both" else (pair[0],) if action == "tail" else (pair[1],)
+
+
+def term_comments(scalar: ScalarGraph, report: ActivityReport) -> dict[int, str]:
+    """What the new text says of a dropped term: what it was, where, and its rho."""
+    comments: dict[int, str] = {}
+    for junction in report.junctions:
+        what = "effort" if junction.kind == 1 else "flow"
+        for term in junction.terms:
+            comments[term.index] = f"dropped at {junction.name}: {what} of {term.name}, rho = {percent(term.rho)}"
+    return comments
+
+
+def percent(rho: float) -> str:
+    """A share as people read it: three digits."""
+    return f"{100 * rho:.3g} %"
+
+
+def port_bonds(scalar: ScalarGraph) -> PortBonds:
+    """The bond and its component at every component of every element's port."""
+    found = {}
+    for bond in scalar.graph.bonds:
+        for end in (bond.tail, bond.head):
+            for c, i in enumerate(end.components):
+                found[end.node, end.port, i] = (bond, c)
+    return found

@@ -99,9 +99,9 @@ def _ieee(op: str, operands: list[float]) -> float:
         "reciprocal": lambda a: np.true_divide(1.0, a),
         "square": np.square,
     }
-    named = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "cube": lambda a: a * a * a}
+    named: dict[str, Callable[..., Any]] = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "cube": lambda a: a * a * a}
     with np.errstate(all="ignore"):
-        function = spelled.get(op) or named.get(op) or getattr(np, op)
+        function: Callable[..., Any] = spelled.get(op) or named.get(op) or getattr(np, op)
         return float(function(*(np.float64(value) for value in operands)))
 
 

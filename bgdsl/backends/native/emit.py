@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from bgdsl.backends.native.elimination import Elimination
 from bgdsl.backends.native.layout import Block, Function, Place, lay_out
 from bgdsl.backends.native.numbers import literal
 from bgdsl.backends.native.tables import table_text
@@ -24,7 +25,8 @@ CHUNK = 250
 
 INFO, WARM, FIRST = 0, 1, 2
 """Places in the context (an array of pointers): what to say of a failure, the starts of iterations, then for kernel k its
-constants, its work array and its factored matrices from FIRST + 3 k."""
+constants, its work array, its factored matrices, its array and plan of elimination from FIRST + 5 k."""
+POINTERS = 5
 
 _MATHS = ("sin", "cos", "exp", "log", "log10", "sqrt")
 _LIBM = ("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
@@ -45,6 +47,8 @@ _HEAD = "\n".join(
         "declare i64 @llvm.smin.i64(i64, i64)",
         "declare i32 @bg_factor(i64, ptr, ptr)",
         "declare void @bg_substitute(i64, ptr, ptr, i64, ptr)",
+        "declare i32 @bg_eliminate(ptr, ptr)",
+        "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
         "declare i32 @bg_newton(i64, ptr, ptr, ptr, ptr, double, ptr, ptr, ptr, ptr, ptr)",
         "attributes #0 = { nounwind noinline }",
         "attributes #1 = { nounwind willreturn memory(none) }",
@@ -68,17 +72,18 @@ class Code:
     factors: tuple[tuple[LinearSolve, int], ...]
 
 
-def emit(tape: Tape, *, slot: int, chunk: int = CHUNK) -> Code:
-    """The kernel that gives the tape's roots; `slot` is its number in the context."""
-    return _Emitter(tape, slot, chunk).code()
+def emit(tape: Tape, *, slot: int, elimination: Elimination | None = None, chunk: int = CHUNK) -> Code:
+    """The kernel that gives the tape's roots, or what elimination makes of them; `slot` is its number in the context."""
+    return _Emitter(tape, slot, elimination, chunk).code()
 
 
 class _Emitter:
     """The text of a kernel under construction: its functions, constants and tables."""
 
-    def __init__(self, tape: Tape, slot: int, chunk: int) -> None:
+    def __init__(self, tape: Tape, slot: int, elimination: Elimination | None, chunk: int) -> None:
         self.tape = tape
         self.slot = slot
+        self.elimination = elimination
         self.layout = lay_out(tape, chunk)
         self.work = self.layout.work
         self.functions: list[str] = []
@@ -94,7 +99,8 @@ class _Emitter:
         main = self.main(lines)
         tables = [table_text(name, self.tape.tables[key[0]], key[1]) for key, name in self.tables.items()]
         text = "\n".join((_HEAD, *tables, *self.functions, main, ""))
-        return Code(text, len(self.tape.roots), tuple(self.listed), layout.work_size, tuple(layout.factors))
+        size = len(self.tape.roots) if self.elimination is None else len(self.elimination.rows)
+        return Code(text, size, tuple(self.listed), layout.work_size, tuple(layout.factors))
 
     def constant(self, k: int) -> int:
         """The place of a parametric value among the constants."""
@@ -180,6 +186,21 @@ class _Emitter:
             head.append("call void @scatter(ptr %c, ptr %o)")
         return "\n".join((*head, *lines, "ret i32 0", "}"))
 
+    def eliminate(self, elimination: Elimination) -> Sequence[str]:
+        """The roots are in the array of elimination: clear the rest of it, follow the plan, copy the result."""
+        start, count = elimination.start, len(elimination.rows)
+        return (
+            f"%rest = getelementptr inbounds double, ptr %o, i64 {start}",
+            f"call void @llvm.memset.p0.i64(ptr %rest, i8 0, i64 {8 * (elimination.size - start)}, i1 false)",
+            "%status = call i32 @bg_eliminate(ptr %o, ptr %plan)",
+            f"call void @llvm.memcpy.p0.p0.i64(ptr %result, ptr %rest, i64 {8 * count}, i1 false)",
+            "%solved = icmp eq i32 %status, 0",
+            "br i1 %solved, label %whole, label %broken",
+            "broken:",
+            "ret i32 %status",
+            "whole:",
+        )
+
 
 def _stop_if(n: int, step: int) -> Sequence[str]:
     """Leave with the step's number (from 1) if the status %q is not zero."""
@@ -245,7 +266,8 @@ class _Lines:
     def store(self, value: str, place: Place) -> None:
         self.last += 1
         self.lines.append(
-            f"%{self.last} = getelementptr inbounds double, ptr %{place[0]}, i64 {place[1]}\nstore double {value}, ptr %{self.last}, align 8"
+            f"%{self.last} = getelementptr inbounds double, ptr %{place[0]}, i64 {place[1]}\n"
+            f"store double {value}, ptr %{self.last}, align 8"
         )
 
     def value(self, k: int) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from llvmlite.binding import TargetMachine
 
 _LIBM = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "log10", "pow", "fmod")
-_RUNTIME = ("bg_factor", "bg_substitute", "bg_newton")
+_RUNTIME = ("bg_factor", "bg_substitute", "bg_newton", "bg_eliminate")
 
 
 @cache

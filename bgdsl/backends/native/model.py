@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bgdsl.backends.native.emit import FIRST, INFO, WARM, Code, emit
+from bgdsl.backends.initial import parameter_values
 from bgdsl.backends.interpret import UnsolvableError, interpret, matrix
+from bgdsl.backends.native.elimination import Elimination, eliminate
+from bgdsl.backends.native.emit import FIRST, INFO, POINTERS, WARM, Code, emit
 from bgdsl.backends.native.jit import Loaded, machine_code, runtime
 from bgdsl.backends.native.layout import factor_size
 from bgdsl.backends.tape import Names, Tape, linearise, names
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int32]
 
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *(ctypes.c_void_p,) * 4)
-_CAPACITY = 4096
+_CAPACITY = 1 << 15
 LARGE = 60_000
 """Operations beyond which right sides are compiled without optimisation too."""
 
@@ -56,7 +58,7 @@ def parametric_order(tape: Tape, roots: Sequence[int]) -> list[int]:
 class NativeKernel:
     """One compiled function of a model: its machine code, its constants and its work array."""
 
-    def __init__(self, tape: Tape, code: Code, slot: int, level: int, context: Any) -> None:
+    def __init__(self, tape: Tape, code: Code, slot: int, level: int, context: Any, elimination: Elimination | None = None) -> None:
         if "@bg_" in code.text:
             runtime()
         self.tape = tape
@@ -70,23 +72,35 @@ class NativeKernel:
         self._constants = np.zeros(len(code.constants) + 1)
         self._work = np.zeros(code.work + 1)
         self._factors = np.zeros(sum(factor_size(block.size) for block, _ in code.factors) + 1)
-        for place, array in enumerate((self._constants, self._work, self._factors)):
-            context[FIRST + 3 * slot + place] = array.ctypes.data
+        self._array = np.zeros(1 if elimination is None else elimination.size)
+        self._plan = np.zeros(1, dtype=np.int32) if elimination is None else elimination.plan
+        addresses = (array.ctypes.data for array in (self._constants, self._work, self._factors, self._array))
+        for place, address in enumerate((*addresses, self._plan.ctypes.data)):
+            context[FIRST + POINTERS * slot + place] = address
 
     def set_parameters(self, values: Sequence[float]) -> int:
-        """Compute the constants; the number (from 1) of a step that cannot be solved, or 0."""
+        """Compute the constants; the number (from 1) of a step that cannot be solved, or 0. Then results are NaN."""
         results: list[Any] = [math.nan] * len(self.tape.ops)
         try:
             interpret(self.tape, self._order, results, values)
+            self._constants[:-1] = [results[k] for k in self.code.constants]
+            for block, place in self.code.factors:
+                n = block.size
+                self._factors[place : place + n * n] = matrix(block, results).ravel()
+                if _factor(n, self._factors[place:]):
+                    raise UnsolvableError(block.step)
         except UnsolvableError as failure:
+            self._constants[:] = math.nan
+            self._spoil_factors()
             return failure.step + 1
-        self._constants[:-1] = [results[k] for k in self.code.constants]
+        return 0
+
+    def _spoil_factors(self) -> None:
+        """NaN on the diagonals; the pivots, which are indices, stay in range."""
         for block, place in self.code.factors:
             n = block.size
-            self._factors[place : place + n * n] = matrix(block, results).ravel()
-            if _factor(n, self._factors[place:]):
-                return block.step + 1
-        return 0
+            self._factors[place : place + factor_size(n)] = 0.0
+            self._factors[place : place + n * n : n + 1] = math.nan
 
     def __call__(self, t: float, x: Floats, u: Floats, out: Floats) -> int:
         return int(self._call(t, x.ctypes.data, u.ctypes.data, out.ctypes.data, ctypes.addressof(self._context)))
@@ -114,7 +128,7 @@ class NativeModel:
         self._context[INFO] = self._info.ctypes.data
         self._context[WARM] = self._warm.ctypes.data
         self._kernels: list[NativeKernel] = []
-        self._values: list[float] = default_parameters(program, self._meaning)
+        self._values: list[float] = parameter_values(program)
 
     @property
     def context(self) -> int:
@@ -137,42 +151,27 @@ class NativeModel:
     @cached_property
     def jacobian(self) -> NativeKernel:
         """The values of d(rhs)/dx in the order of `pattern`."""
-        matrix = self.program.jacobian.matrix
-        if matrix.shape[0] > len(self.program.states):
-            raise NotImplementedError("elimination of solved blocks")
-        return self._compile([value for _, _, value in self._by_columns()], slot=1, level=0)
+        entries = self.program.jacobian.matrix.entries
+        return self._compile([value for _, _, value in entries], slot=1, level=0, elimination=self._elimination)
 
     @cached_property
+    def _elimination(self) -> Elimination:
+        return eliminate(self.program)
+
+    @property
     def pattern(self) -> tuple[Ints, Ints]:
         """Column pointers and row indices of the Jacobian."""
-        entries = self._by_columns()
-        columns = np.array([j for _, j, _ in entries], dtype=np.int64)
-        pointers = np.searchsorted(columns, np.arange(len(self.program.states) + 1)).astype(np.int32)
-        return pointers, np.array([i for i, _, _ in entries], dtype=np.int32)
-
-    def _by_columns(self) -> list[tuple[int, int, Expr]]:
-        return sorted(self.program.jacobian.matrix.entries, key=lambda entry: (entry[1], entry[0]))
+        return self._elimination.pointers, self._elimination.rows
 
     def evaluator(self, expressions: Sequence[Expr]) -> NativeKernel:
         """A kernel for these expressions; each call of this method makes a new one."""
         return self._compile(tuple(expressions), slot=2 + len(self._kernels))
 
-    def _compile(self, roots: Sequence[Expr], *, slot: int, level: int = 1) -> NativeKernel:
+    def _compile(self, roots: Sequence[Expr], *, slot: int, level: int = 1, elimination: Elimination | None = None) -> NativeKernel:
         tape = linearise(self._meaning, self.program.tables, roots)
         if len(tape.ops) > LARGE:
             level = 0
-        kernel = NativeKernel(tape, emit(tape, slot=slot), slot, level, self._context)
+        kernel = NativeKernel(tape, emit(tape, slot=slot, elimination=elimination), slot, level, self._context, elimination)
         kernel.set_parameters(self._values)
         self._kernels.append(kernel)
         return kernel
-
-
-def default_parameters(program: Program, meaning: Names) -> list[float]:
-    """The value of every scalar parameter where none is changed."""
-    values: list[float] = []
-    for parameter in program.parameters:
-        tape = linearise(meaning, program.tables, parameter.values)
-        results: list[Any] = [math.nan] * len(tape.ops)
-        interpret(tape, range(len(tape.ops)), results, values)
-        values += (float(results[k]) for k in tape.roots)
-    return values

@@ -7,6 +7,7 @@ bg_substitute(n, A, s, m, B): B := inv(A) B for the n x m matrix B.
 bg_newton(n, eval, area, warm, info, t, x, u, c, w, o): z with residuals zero, from `warm` (NaN: none yet) or the guesses; area
 holds z, residuals, guesses, step, start of the step, row scales (n each) and the Jacobian. 1 if it does not converge; info[0]
 then holds the largest residual.
+bg_eliminate(array, plan): what `elimination.py` says; 0, or the number of the step whose block is singular.
 """
 
 from __future__ import annotations
@@ -319,6 +320,41 @@ def _newton() -> str:
     return r.text()
 
 
+def _eliminate() -> str:
+    r = _Routine("i32 @bg_eliminate(ptr noalias %array, ptr noalias %plan)")
+    position = r.variable("i64")
+    r.set(position, "0", "i64")
+
+    def take() -> str:
+        """The next number of the plan."""
+        here = r.get(position, "i64")
+        r.set(position, r.integer("add", here, "1"), "i64")
+        number = r.new(f"load i32, ptr {r.new(f'getelementptr inbounds i32, ptr %plan, i64 {here}')}")
+        return r.new(f"sext i32 {number} to i64")
+
+    r.do("br label %next\nnext:")
+    r.do(f"switch i64 {take()}, label %done [ i64 0, label %copy i64 1, label %subtract i64 2, label %solve ]\ncopy:")
+    with r.loop("0", take()):
+        value = r.load("%array", take())
+        r.store("%array", take(), value)
+    r.do("br label %next\nsubtract:")
+    factor, source, count = r.load("%array", take()), r.at("%array", take()), take()
+    with r.loop("0", count) as k:
+        product = r.float("fmul", factor, r.load(source, k))
+        target = r.at("%array", take())
+        r.set(target, r.float("fsub", r.get(target), product))
+    r.do("br label %next\nsolve:")
+    n, matrix, m, right, step = take(), r.at("%array", take()), take(), r.at("%array", take()), take()
+    scratch = r.at(matrix, r.integer("mul", n, n))
+    status = r.new(f"call i32 @bg_factor(i64 {n}, ptr {matrix}, ptr {scratch})")
+    r.do(f"br i1 {r.new(f'icmp eq i32 {status}, 0')}, label %good, label %bad\ngood:")
+    r.do(f"call void @bg_substitute(i64 {n}, ptr {matrix}, ptr {scratch}, i64 {m}, ptr {right})")
+    r.do("br label %next\nbad:")
+    r.do(f"ret i32 {r.new(f'trunc i64 {step} to i32')}\ndone:")
+    r.do("ret i32 0")
+    return r.text()
+
+
 def runtime_text() -> str:
     """The module."""
     head = (
@@ -326,4 +362,4 @@ def runtime_text() -> str:
         "declare double @llvm.maximum.f64(double, double)",
         "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
     )
-    return "\n".join((*head, _factor(), _substitute(), _newton(), ""))
+    return "\n".join((*head, _factor(), _substitute(), _newton(), _eliminate(), ""))

@@ -117,9 +117,9 @@ def _heading(program: Program, source_name: str, version: str) -> str:
 
 
 def _records(records: Iterable[Record], starts: Sequence[float] | None = None) -> str:
-    fields = ((record.name, record.unit, record.comment) for record in records)
+    fields: list[tuple[str | float, ...]] = [(record.name, record.unit, record.comment) for record in records]
     if starts is not None:
-        fields = ((*known, start) for known, start in zip(fields, starts, strict=True))  # type: ignore[assignment]
+        fields = [(*known, start) for known, start in zip(fields, starts, strict=True)]
     return "".join(f"    Record(({', '.join(_literal(value) for value in known)})),\n" for known in fields)
 
 

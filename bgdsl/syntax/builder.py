@@ -8,19 +8,30 @@ named one) is checked here and reported; the parse goes on.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Literal, NamedTuple
 
 from bgdsl.diagnostics import Reporter, did_you_mean
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax import errors as say
+from bgdsl.syntax.limits import MAX_DEPTH
 
 REDUCTIONS = ("sum", "product", "min", "max")
 _ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v": "\v"}
 _STROKES: dict[str, Literal["tail", "head"] | None] = {
     "->": None, "=>": None, "->|": "head", "=>|": "head", "|->": "tail", "|=>": "tail",
 }  # fmt: skip
+
+
+_CHECKED = frozenset(
+    (
+        *("declaration", "extends", "experiment", "annotation", "short_function", "assign", "type_definition", "domain_variable"),
+        *("bonds", "equation", "lone_expression", "iterator", "if_statement", "else_branch"),
+        *("run", "test_assertion", "expect_error"),
+    )
+)
+"""The rules whose children are looked through for expressions that nest too deep: each expression is under one of them."""
 
 
 class Ended(NamedTuple):
@@ -40,6 +51,20 @@ def _string(text: str | None) -> str | None:
     return None if text is None else unescape(text)
 
 
+def too_deep(children: Iterable[Any]) -> ast.Node | None:
+    """The node at which the nesting passes `MAX_DEPTH`, if it does."""
+    left: list[tuple[Any, int]] = [(child, 0) for child in children]
+    while left:
+        node, depth = left.pop()
+        if isinstance(node, tuple):
+            left += [(item, depth) for item in node]
+        elif isinstance(node, ast.Node):
+            if depth > MAX_DEPTH:
+                return node
+            left += [(getattr(node, name), depth + 1) for name in type(node).__slots__]
+    return None
+
+
 class TreeBuilder:
     """Builds the tree of one source."""
 
@@ -49,8 +74,18 @@ class TreeBuilder:
         self.in_test = False
 
     def action(self, name: str) -> Callable[..., Any]:
+        """The method for a rule; that of a statement first looks how deep its expressions nest."""
         found: Callable[..., Any] = getattr(self, name)
-        return found
+        if name not in _CHECKED:
+            return found
+
+        def checked(at: Span, *children: Any) -> Any:
+            if at.end - at.start > MAX_DEPTH and (deep := too_deep(children[:1] if name == "if_statement" else children)):
+                say.too_deep(self.report, deep.span, MAX_DEPTH)
+                return None
+            return found(at, *children)
+
+        return checked
 
     # -------------------------------------------------------------------------------------------------- collections
 
@@ -208,7 +243,9 @@ class TreeBuilder:
         match value:
             case ast.Call(ast.Reference((ast.Part("assert", ()),)), (condition, message), ()):
                 return ast.Assertion(condition, message, span=at)
-        say.lone_expression(self.report, value)
+        said = self.report.diagnostics[-1:]
+        if not (said and said[0].primary.span.source is self.source and at.start <= said[0].primary.span.start < at.end):
+            say.lone_expression(self.report, value)
         return None
 
     def for_statement(self, at: Span, iterators: Any, body: Any) -> ast.For:

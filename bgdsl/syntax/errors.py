@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from bgdsl.diagnostics import Code, Reporter
@@ -29,6 +29,72 @@ RUN_OPTION = Code("BG116", "a test's `run` has no such option")
 RUN_OPTIONS = ("for", "interval", "tolerance", "method", "experiment")
 
 
+def _kinds(names: str) -> frozenset[str]:
+    return frozenset(names.split())
+
+
+_OPERATORS = _kinds("OR AND RELATION PLUS MINUS TIMES DIVIDE POWER DOT_PLUS DOT_MINUS DOT_TIMES DOT_DIVIDE DOT_POWER PLUS_MINUS")
+_EXPRESSION_STARTS = _kinds("NAME NUMBER STRING TRUE FALSE END_INDEX NOT PLUS MINUS LPAR LBRACE LSQB IF COLON")
+_PREFIXES = _kinds("PARAMETER CONSTANT INPUT OUTPUT OPEN FINAL REPLACEABLE PROTECTED PORT")
+_DEFINITIONS = _kinds("MODEL ELEMENT FUNCTION TYPE DOMAIN TEST IMPORT")
+SIGNS_OF_BONDS = ("->", "=>", "->|", "=>|", "|->", "|=>")
+
+
+def found(kind: str, text: str) -> str:
+    """A token in words."""
+    match kind:
+        case "$END":
+            return "the end of the file"
+        case "NAME":
+            return f"the name `{text}`"
+        case "NUMBER":
+            return f"the number `{text}`"
+        case "STRING":
+            return "a string" if len(text) > 30 or "\n" in text else f"the string `{text}`"
+        case "END_INDEX":
+            return "`end`"
+        case _:
+            return f"the word `{text}`" if text.isidentifier() else f"`{text}`"
+
+
+def wanted(kinds: frozenset[str], shown: Mapping[str, str]) -> str:
+    """What could stand somewhere, in words."""
+    left = set(kinds)
+    phrases: list[str] = []
+
+    def group(words: str, members: Iterable[str]) -> None:
+        phrases.append(words)
+        left.difference_update(members)
+
+    if "NUMBER" in left:
+        group("an expression", _EXPRESSION_STARTS)
+    if {"PARAMETER", "NAME"} <= left:
+        group(
+            "a declaration", _PREFIXES | {"NAME", "EXTENDS", "EXPERIMENT", "ANNOTATION"} | (_DEFINITIONS if "EQUATION" in left else set())
+        )
+    if {"MODEL", "FUNCTION"} <= left:
+        group("a definition (`model`, `element`, `function`, `domain`, `type` or `test`)", _DEFINITIONS)
+    if len(_OPERATORS & left) > 1:
+        group("an operator", _OPERATORS)
+    arrows = {kind for kind in left if shown.get(kind) in SIGNS_OF_BONDS}
+    if arrows:
+        group("a bond (`->` or `=>`)", arrows)
+    if "NAME" in left:
+        group("a name", ["NAME", "EACH", "FINAL", "REDECLARE"])
+    if "STRING" in left:
+        group("a description" if left - {"STRING"} else "a string", ["STRING"])
+    if "INITIAL_EQUATION" in left:
+        left.discard("INITIAL_EQUATION")
+    closers = [f"`{shown.get(kind, kind.lower())}`" for kind in sorted(left) if kind != "$END"]
+    last = ["the end of the file"] if "$END" in left else []
+    return listed([*closers, *phrases, *last])
+
+
+def listed(words: list[str]) -> str:
+    """`a, b or c`."""
+    return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else "nothing"
+
+
 def end_mismatch(report: Reporter, at: Span, kind: str, name: str, end: Span, found: str) -> None:
     opening = Span(at.source, at.start, at.start + at.text.find(name) + len(name))
     report.add(
@@ -52,6 +118,9 @@ def lone_expression(report: Reporter, value: Any) -> None:
             )
         case ast.Call(ast.Reference((ast.Part("assert"),))):
             report.add(NO_STATEMENT, "`assert` takes a condition and a message", value.span, 'write `assert(condition, "message");`')
+        case ast.Call(ast.Reference((ast.Part("connect"),)), (a, b)):
+            helps = [f"write `{a.span.text} -> {b.span.text};`"]
+            report.add(NO_STATEMENT, "a bond is drawn with an arrow", value.span, "`connect` is not of this language", helps=helps)
         case _:
             report.add(
                 NO_STATEMENT,
@@ -109,3 +178,13 @@ def file_of_model(report: Reporter, at: Span, name: str) -> None:
 
 def percent(report: Reporter, condition: ast.Expression) -> None:
     report.add(UNEXPECTED, "`%` belongs to a tolerance", condition.span, "no tolerance here", helps=["write `assert x == wanted +- 2 %;`"])
+
+
+def too_deep(report: Reporter, span: Span, limit: int) -> None:
+    report.add(
+        TOO_DEEP,
+        "this nests too deep",
+        span,
+        f"more than {limit} levels of brackets, operators or statements",
+        helps=["give parts of it names of their own; a long sum is `sum({a, b, ...})`"],
+    )

@@ -57,15 +57,15 @@ def lexer() -> Lexer:
     return Lexer(re.compile(r"\s*(?:" + "|".join(alternatives) + ")"), known.words, table)
 
 
-def tokenize(text: str) -> Tokens:
-    """All tokens of a text; never fails, and takes time linear in the text."""
+def tokenize(text: str, position: int = 0) -> Tokens:
+    """All tokens of a text from a position on; never fails, and takes time linear in the text."""
     scanner = lexer()
     words, signs = scanner.words, scanner.signs
     kinds: list[str] = []
     texts: list[str] = []
     starts: list[int] = []
     comments: list[tuple[int, int]] = []
-    for match in scanner.pattern.finditer(text):
+    for match in scanner.pattern.finditer(text, position):
         kind = match.lastgroup
         assert kind is not None
         start, end = match.span(kind)

@@ -13,10 +13,8 @@ from typing import Any, Protocol
 
 from bgdsl.source import Source, Span
 from bgdsl.syntax.lexer import RESERVED, Tokens
+from bgdsl.syntax.limits import MAX_DEPTH
 from bgdsl.syntax.tables import Rule, Tables, tables
-
-MAX_DEPTH = 200
-"""How deep expressions, modifications and statements may nest: far more than is read, far less than Python's stack."""
 
 MAX_STACK = 4 * MAX_DEPTH
 """Each level of nesting has about four symbols on the stack."""
@@ -37,6 +35,13 @@ class Recover(Protocol):
 def soft_words() -> frozenset[str]:
     """Kinds of keywords that are names where the grammar does not ask for the keyword."""
     return frozenset(kind for word, kind in tables().words.items() if word not in RESERVED)
+
+
+@cache
+def terminals() -> frozenset[str]:
+    """The kinds of tokens."""
+    known = tables()
+    return frozenset([*known.words.values(), *known.signs.values(), *(name for name, _ in known.patterns), "$END"])
 
 
 @cache
@@ -135,8 +140,8 @@ class Machine:
         if self.pending:
             self.token = self.pending.pop(0)
         else:
-            self.index = index = self.index + 1
             tokens = self.tokens
+            self.index = index = min(self.index + 1, len(tokens.kinds) - 1)
             self.token = (tokens.kinds[index], tokens.texts[index], tokens.starts[index])
 
     def action(self, state: int, kind: str) -> int | None:
@@ -203,3 +208,79 @@ class Machine:
             if action is None or action >= 0 or not rules[-1 - action].is_unit:
                 return target
             symbol = rules[-1 - action].origin
+
+    # --------------------------------------------------------------------------------------- what recovery asks and does
+
+    def accepts(self, *kinds: str) -> bool:
+        """Whether these tokens could come next, one after the other."""
+        return self.takes(self.states[:], *kinds)
+
+    def takes(self, states: list[int], *kinds: str) -> bool:
+        """Whether a stack of these states could take these tokens; the list is used up."""
+        return all(self._shift(states, kind) for kind in kinds)
+
+    def _shift(self, states: list[int], kind: str) -> bool:
+        table, rules = self.table.states, self.table.rules
+        while True:
+            action = self.action(states[-1], kind)
+            if action is None:
+                return False
+            if action >= 0:
+                states.append(action)
+                return True
+            rule = rules[-1 - action]
+            del states[len(states) - rule.length :]
+            states.append(table[states[-1]][rule.origin])
+            if states[-1] == self.table.end:
+                return kind == "$END"
+
+    def expected(self) -> frozenset[str]:
+        """The terminals that could come next."""
+        actions = self.table.states[self.states[-1]]
+        return frozenset(kind for kind in actions if kind in terminals() and self.accepts(kind))
+
+    def settle(self) -> None:
+        """Finish what is complete whatever comes next (a statement after its `;`)."""
+        while True:
+            actions = set(self.table.states[self.states[-1]].values())
+            if len(actions) != 1 or (action := actions.pop()) >= 0:
+                return
+            origin, length, build, take = self.reducers[-1 - action]
+            if not length:
+                return
+            begin, children = self.begins[-length], self.values[-length:]
+            self.cut(len(self.values) - length)
+            value = build(Span(self.source, begin, self.end), *take(children)) if build else take(children)
+            self.push(origin, value, begin)
+
+    def symbols(self) -> list[str]:
+        """The symbols on the stack, the first at the bottom."""
+        known = entries()
+        return [known[state] for state in self.states[1:]]
+
+    def insert(self, *tokens: Token) -> None:
+        """Put tokens before the current one."""
+        self.pending[:0] = [*tokens, self.token]
+        self.advance()
+
+    def replace(self, kind: str, text: str) -> None:
+        """Read the current token as another."""
+        self.token = (kind, text, self.token[2])
+
+    def cut(self, height: int) -> None:
+        """Drop all symbols of the stack but the first `height`."""
+        del self.states[height + 1 :], self.values[height:], self.begins[height:]
+
+    def push(self, symbol: str, value: Any, start: int) -> None:
+        """Go on as if `symbol` had been read."""
+        self.states.append(self.table.states[self.states[-1]][symbol])
+        self.values.append(value)
+        self.begins.append(start)
+
+    def rewind(self, height: int, index: int) -> None:
+        """Go back to token `index`, where the stack had `height` symbols."""
+        self.cut(height)
+        self.pending.clear()
+        self.index = index - 1
+        self.end = self.tokens.starts[index - 1] + len(self.tokens.texts[index - 1]) if index else 0
+        self.advance()

@@ -20,20 +20,15 @@ from bgdsl.syntax import ast, errors
 from bgdsl.syntax.builder import TreeBuilder
 from bgdsl.syntax.lexer import tokenize
 from bgdsl.syntax.machine import Machine
+from bgdsl.syntax.recovery import Recovery
 
 
 def parse(source: Source, report: Reporter) -> ast.File:
     """The tree of a text. Errors are added to `report`; what stands beside them is still in the tree."""
     tokens = tokenize(source.text)
     machine = Machine(source, tokens, TreeBuilder(source, report).action)
-
-    def recover(machine: Machine) -> bool:
-        kind, text, start = machine.token
-        report.add(errors.UNEXPECTED, f"unexpected `{text}`", Span(source, start, start + len(text)))
-        return False
-
     with _without_collection():
-        tree: ast.File | None = machine.run(recover)
+        tree: ast.File | None = machine.run(Recovery(report))
     items = tree.items if tree else ()
     comments = tuple(ast.Comment(source.text[a:b], span=Span(source, a, b)) for a, b in tokens.comments)
     return ast.File(items, comments, span=Span(source, 0, len(source.text)))

@@ -37,22 +37,22 @@ def two_sources(story: Story, report: Reporter, first: Term, second: Term) -> No
     )
 
 
-def sources_only(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
-    """A constraint that no state and no resistor can satisfy: everything in it comes from sources along the terms of the path."""
+def sources_only(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], ways: Sequence[Sequence[int]]) -> None:
+    """A constraint that no state and no resistor can satisfy: everything in it comes from sources along these ways (terms)."""
     if place.term is None:
-        _nothing_sets(story, report, place, sources, path)
+        _nothing_sets(story, report, place, sources, ways)
     else:
-        _fixed_twice(story, report, place, sources, path)
+        _fixed_twice(story, report, place, sources, ways)
 
 
-def _nothing_sets(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
+def _nothing_sets(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], ways: Sequence[Sequence[int]]) -> None:
     junction = story.scalar.junctions[place.junction]
     word, given = ("flow", "effort") if junction.kind else ("effort", "flow")
     span = junction.origin.span
     shown = {source.element or "": source for source in sources}
     notes = [f"every {given} at a {junction.kind}-junction is given here, and their sum has to be zero whatever the {word} is"]
     if not sources:
-        notes = [f"`{junction.name}` has no bond to an element" if path else f"`{junction.name}` has no bonds"]
+        notes = [f"`{junction.name}` has no bond to an element" if ways else f"`{junction.name}` has no bonds"]
     report.add(
         NOTHING_SETS,
         f"nothing can set the {word} of {junction.kind}-junction `{junction.name}`",
@@ -60,16 +60,16 @@ def _nothing_sets(story: Story, report: Reporter, place: Constrained, sources: S
         f"its {word} is not determined",
         others=[
             *((story.span(source), f"fixes its {given}") for source in shown.values()),
-            *story.places((t for t in path if story.scalar.terms[t].element not in shown), "on the way", span),
+            *story.places((t for way in ways for t in way if story.scalar.terms[t].element not in shown), "on the way", span),
         ],
-        notes=[*notes, *_way(story, path)],
+        notes=[*notes, *_chain(story, ways)],
         helps=[f"bond an element to `{junction.name}` that gives its {word}: {'an I or R' if junction.kind else 'a C or R'}"]
         if sources
         else [],
     )
 
 
-def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], path: Sequence[int]) -> None:
+def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], ways: Sequence[Sequence[int]]) -> None:
     junction = story.scalar.junctions[place.junction]
     word = "flow" if junction.kind else "effort"
     last, *before = sources
@@ -81,23 +81,32 @@ def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Se
         "this source, and",
         others=[
             *((story.span(source), "this one") for source in names.values()),
-            *story.places((t for t in path if story.scalar.terms[t].element not in {*names, last.element}), "on the way", story.span(last)),
+            *story.places(
+                (t for way in ways for t in way if story.scalar.terms[t].element not in {*names, last.element}),
+                "on the way",
+                story.span(last),
+            ),
         ],
-        notes=[f"a {junction.kind}-junction has one {word}; only one bond may set it", *_way(story, path)],
+        notes=[f"a {junction.kind}-junction has one {word}; only one bond may set it", *_chain(story, ways)],
         helps=["put an element that gives way between the sources: an R, or a C or I"],
     )
 
 
-def _way(story: Story, path: Sequence[int]) -> list[str]:
-    """The chain of junctions, bonds and elements, in one line."""
-    names = list(dict.fromkeys(part for t in path for part in _along(story, story.scalar.terms[t])))
+def _chain(story: Story, ways: Sequence[Sequence[int]]) -> list[str]:
+    """The chain of junctions, bonds and elements from one source, over the place where they meet, to another, in one line.
+
+    A way is a list of terms from that place to a source.
+    """
+    pairs = [
+        [(f"`{story.scalar.junctions[term.junction].name}`", story.named(term)) for t in way if (term := story.scalar.terms[t])]
+        for way in ways
+    ]
+    inward = [name for junction, named in reversed(pairs[0]) for name in (named, junction)] if pairs else []
+    outward = [name for way in pairs[1:2] for pair in way for name in pair]
+    names = list(dict.fromkeys([*inward, *outward]))
     if len(names) > 16:
         names = [*names[:8], "...", *names[-7:]]
-    return [f"the chain: {' - '.join(names)}"] if len(names) > 1 else []
-
-
-def _along(story: Story, term: Term) -> tuple[str, ...]:
-    return f"`{story.scalar.junctions[term.junction].name}`", story.named(term)
+    return [f"the chain: {' - '.join(names)}"] if len(names) > 3 else []
 
 
 def refused_stroke(story: Story, report: Reporter, bond: Bond, steps: Sequence[Step]) -> None:
@@ -118,11 +127,25 @@ def refused_stroke(story: Story, report: Reporter, bond: Bond, steps: Sequence[S
     )
 
 
+def needless_derivative(story: Story, report: Reporter, bond: Bond, state: str, term: Term) -> None:
+    """An asserted stroke that gives an independent storage derivative causality."""
+    report.add(
+        STROKE,
+        f"the causal stroke of bond `{bond.name}` cannot be honoured: `{state}` is an independent state",
+        bond.origins[-1].span,
+        f"with this stroke `{term.element}` would have derivative causality",
+        others=[(story.span(term), "no other state determines this")],
+        notes=["a storage can have derivative causality only where other states or sources determine what it stores"],
+        helps=["leave the stroke to the compiler: `->` (`=>`)"],
+    )
+
+
 def one_way_law(story: Story, report: Reporter, term: Term, value: int, steps: Sequence[Step]) -> None:
     """A law that would have to be turned around and cannot."""
     element = story.elements[term.element or ""]
     law = element.laws[min(term.spot, len(element.laws) - 1)]
     gives, wanted = (story.given(term, value), story.given(term, 1 - value))
+    junction, giver = (1, "an I, parasitic perhaps") if gives == "effort" else (0, "a C, parasitic perhaps")
     report.add(
         ONE_WAY,
         f"the law of `{element.name}` gives its {gives}, and its {wanted} is needed",
@@ -148,7 +171,7 @@ def dependent_storages(story: Story, report: Reporter, derivative: Mapping[str, 
     count = f"{len(elements)} storages have" if len(elements) > 1 else f"`{terms[0].element}` has"
     report.add(
         DEPENDENT,
-        f"{count} derivative causality: {_listed(states)} {'follow' if len(states) > 1 else 'follows'} from other states",
+        f"{count} derivative causality: {_listed(states)} {'are' if len(states) > 1 else 'is'} given by other states or sources",
         span,
         "not independent",
         others=[(s, "nor is this") for s in spans],

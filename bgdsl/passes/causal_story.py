@@ -46,7 +46,8 @@ class Story:
             case "source":
                 return f"{self.named(term)} gives its {self.given(term, step.value)}" + (f" and {sets}" if step.value else "")
             case "modulus":
-                return f"the modulus of {self.named(term)} may vanish: flow goes from port 1 to port 2, effort from port 2 to port 1"
+                way = f"the modulus of {self.named(term)} may vanish, so it is not divided by"
+                return f"{way}: `{term.element}` {sets}" if step.value else way
             case "law":
                 return f"the law of {self.named(term)} gives its {self.given(term, step.value)} only"
             case "asserted":

@@ -17,13 +17,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from bgdsl.diagnostics import Reporter
-from bgdsl.expr import leaves
 from bgdsl.ir.causal import CausalGraph, Constrained, Reason
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
-from bgdsl.passes.causal_errors import dependent_storages, one_way_law, refused_stroke, sources_only, two_sources
+from bgdsl.passes.augment import augment
+from bgdsl.passes.causal_errors import dependent_storages, needless_derivative, one_way_law, refused_stroke, sources_only, two_sources
 from bgdsl.passes.causal_loops import Graph, causal_loops, dependence, reachable
 from bgdsl.passes.causal_story import Step, Story
+from bgdsl.passes.law_directions import only_direction, written_direction
 from bgdsl.passes.moduli import Moduli
 from bgdsl.passes.propagation import Assignment, Conflict
 from bgdsl.passes.strokes import bond_strokes, demands
@@ -70,10 +71,14 @@ class _Scap:
 
     def fix(self) -> None:
         """Set all that leaves no choice, then follow it."""
-        for term, value, reason in [*self.sources(), *self.one_way_moduli(), *self.one_way_laws()]:
+        moduli = Moduli(self.scalar.graph)
+        for term, value, reason in [*self.sources(), *self.one_way_moduli(moduli), *self.one_way_laws(moduli)]:
             conflict = self.state.set(term.index, value, reason)
             if conflict is not None:
                 self.settle(conflict)
+        for j, at in enumerate(self.scalar.terms_at):
+            if not at:
+                self.free_junction(j)
         self.follow()
 
     def sources(self) -> Iterator[tuple[Term, int, Reason]]:
@@ -86,9 +91,8 @@ class _Scap:
         """Does a one-port that gives out effort (or flow) here determine its junction?"""
         return gives_effort == (self.scalar.junctions[term.junction].kind == 0)
 
-    def one_way_moduli(self) -> Iterator[tuple[Term, int, Reason]]:
+    def one_way_moduli(self, moduli: Moduli) -> Iterator[tuple[Term, int, Reason]]:
         """Two-ports that must not divide by their modulus: multiplying, an end with a relation determines, one without does not."""
-        moduli = Moduli(self.scalar.graph)
         crowded = self.crowded_entries()
         for term in self.scalar.terms:
             if term.modulus is not None and (term.index in crowded or moduli.can_vanish(term.modulus)):
@@ -109,12 +113,12 @@ class _Scap:
                 crowded |= {term.index, term.other}
         return crowded
 
-    def one_way_laws(self) -> Iterator[tuple[Term, int, Reason]]:
+    def one_way_laws(self, moduli: Moduli) -> Iterator[tuple[Term, int, Reason]]:
         """Ports of resistors and user elements that can only give out one of effort and flow."""
         for element in self.scalar.graph.elements:
             if element.kind in ("R", "field"):
                 for term in self.ports.get(element.name, ()):
-                    direction = _only_direction(element, term)
+                    direction = only_direction(element, term, moduli)
                     if direction is not None:
                         yield term, int(self.sets(term, direction == "e")), Reason("law")
 
@@ -250,13 +254,20 @@ class _Scap:
         return path
 
     def choose_free(self) -> None:
-        """Resistors and user elements in the direction of their laws, then whatever is still open."""
+        """Resistors and user elements in the direction of their laws, then whatever is still open; then repair."""
+        mark, settled = self.state.mark(), frozenset(self.state.free)
         for element in self.scalar.graph.elements:
             if element.kind in ("R", "field"):
                 for term in self.ports.get(element.name, ()):
-                    self.choose(term, int(self.sets(term, _written_direction(element, term) == "e")))
+                    self.choose(term, int(self.sets(term, written_direction(element, term) == "e")))
         for term in self.scalar.terms:
             self.choose(term, 1)
+        soft = [False] * len(self.scalar.terms)
+        for t in self.state.trail[mark:]:
+            soft[t] = True
+        for c in [c for c in self.constrained.values() if c.term is None and c.junction not in settled]:
+            if augment(self.state, c.junction, soft):
+                del self.constrained[c.junction, None]
 
     def choose(self, term: Term, value: int) -> None:
         if self.state.value[term.index] >= 0:
@@ -275,24 +286,43 @@ class _Scap:
         return dependence(self.scalar, self.state.determiner, self.state.alike, self.algebraic, surplus)
 
     def let_followed_be_states(self) -> None:
-        """A junction without determiner that dependent storages follow: its variable becomes a state in their place.
+        """Where a dependent storage follows a variable that no state determines, that variable becomes a state.
 
         (A rod without inertia that swings a mass through sines and cosines: neither momentum can be the state, the angular
-        velocity can.) Its resistors then receive its variable.
+        velocity can.) Resistors at that junction then receive its variable. A stroke that was asserted is not the model's
+        doing: there the storage is independent, and the stroke is refused.
         """
-        if not self.derivative:
-            return
         starts = [2 * self.scalar.terms[path[0]].junction for path in self.derivative.values()]
-        state = self.state
-        for node in reachable(self.dependence(), starts):
-            j = node // 2
-            if node % 2 == 0 and state.determiner[j] < 0:
-                for t in self.scalar.terms_at[j]:
-                    if state.value[t] < 0:
-                        state.set(t, 0, Reason("promoted"))
-                self.free_junction(j)
-                self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
+        graph = self.dependence() if starts else []
+        followed = [node // 2 for node in reachable(graph, starts) if node % 2 == 0 and self.is_undecided(node // 2)]
+        if not followed or self.refuse_derivative(graph):
+            return
+        for j in followed:
+            self.state.free.add(j)
+            if self.state.determiner[j] >= 0:
+                self.state.drop(self.state.determiner[j])
+            for t in self.scalar.terms_at[j]:
+                self.state.set(t, 0, Reason("promoted"))
+            self.free_junction(j)
+            self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
         self.follow()
+
+    def is_undecided(self, j: int) -> bool:
+        """Has junction j no determiner yet, or a resistor?"""
+        present = self.state.determiner[j]
+        return present < 0 or self.algebraic[present]
+
+    def refuse_derivative(self, graph: Graph) -> bool:
+        """Report the asserted strokes that put an independent storage into derivative causality."""
+        refused = False
+        for name, path in self.derivative.items():
+            asserted = [t for t in path if self.state.reason[t].cause == "asserted"]
+            start = 2 * self.scalar.terms[path[0]].junction
+            if asserted and any(node % 2 == 0 and self.is_undecided(node // 2) for node in reachable(graph, [start])):
+                bond = self.story.bonds[self.scalar.terms[asserted[0]].bond]
+                needless_derivative(self.story, self.report, bond, name, self.scalar.terms[path[0]])
+                refused = True
+        return refused
 
     def check_constraints(self) -> None:
         """Every constraint must be about more than what sources give."""
@@ -319,8 +349,8 @@ class _Scap:
                     queue.append(before)
         if place.source is not None and place.term is not None:
             found = {place.term: -1, **found}
-        path = [t for source, node in list(found.items())[:4] for t in self.way(parents, source, node)]
-        sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], path)
+        ways = [self.way(parents, source, node) for source, node in list(found.items())[:2]]
+        sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], ways)
 
     def origins(self, place: Constrained) -> list[int]:
         """The nodes of the dependence graph that a constraint reads."""
@@ -396,20 +426,3 @@ class _Scap:
         strokes = bond_strokes(scalar, determiner, [value == 1 for value in state.value])
         constrained = tuple(self.constrained.values())
         return CausalGraph(scalar, determiner, strokes, self.derivative, constrained, loops, tuple(state.reason))
-
-
-def _only_direction(element: Element, term: Term) -> str | None:
-    """`e` or `f` where the laws of an element allow its port to give out only that."""
-    if element.kind != "field":
-        return None
-    port = element.ports[term.port]
-    named = {leaf.data for law in element.laws for leaf in leaves((law.left, law.right))}
-    effort, flow = (port.variable(element.name, letter, term.spot) in named for letter in "ef")
-    return None if effort == flow else "e" if effort else "f"
-
-
-def _written_direction(element: Element, term: Term) -> str:
-    """What a port gives out by the way its law is written: the side that stands alone on the left; else effort."""
-    port = element.ports[term.port]
-    lefts = {law.left.data for law in element.laws if law.left.op == "var"}
-    return "f" if port.variable(element.name, "f", term.spot) in lefts else "e"

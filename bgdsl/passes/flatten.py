@@ -1,0 +1,358 @@
+"""Flatten a model: every instance made, every modification applied, every port fused, every name resolved.
+
+Input        Library, the name of a model (or None for its only one), parameters to set
+Output       BondGraph
+Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
+Reports      BG216 which model, BG299 nested too deep; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
+             `connect`, `statements`, `experiments`) report what they find
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from bgdsl.diagnostics import BgError, Code, Reporter, did_you_mean
+from bgdsl.expr import Expr, substitute, var
+from bgdsl.ir.domains import Domain
+from bgdsl.ir.elements import component
+from bgdsl.ir.graph import (
+    Bond,
+    BondGraph,
+    Check,
+    Element,
+    Junction,
+    Law,
+    Signal,
+    SignalEquation,
+)
+from bgdsl.ir.library import Library
+from bgdsl.passes import connect, laws, statements
+from bgdsl.passes.experiments import make_experiments
+from bgdsl.passes.instantiate import expand, make_part
+from bgdsl.passes.names import Names, Resolved
+from bgdsl.passes.parameters import evaluate_parameter, finish_parameters, table_value
+from bgdsl.passes.parts import (
+    Build,
+    ElementPart,
+    Fault,
+    Instance,
+    JunctionPart,
+    ParameterPart,
+    PortPart,
+    Reported,
+    SignalPart,
+)
+from bgdsl.source import Span
+from bgdsl.syntax import ast
+
+WHICH_MODEL = Code("BG216", "it is not clear which model is meant")
+TOO_DEEP = Code("BG299", "an expression or model is nested too deep")
+
+Override = float | bool | str | tuple[Any, ...]
+
+
+def flatten(library: Library, model: str | None, report: Reporter, *, overrides: Mapping[str, Override] | None = None) -> BondGraph:
+    """The flat bond graph of one model; BgError with everything found if it has errors."""
+    names = Names(library, report)
+    for module in library.modules.values():
+        names.file_scope(module)
+    node = choose_model(library, model, report)
+    try:
+        return _flatten(library, node, names, report, dict(overrides or {}))
+    except RecursionError:
+        report.fail(TOO_DEEP, "an expression or a chain of models is nested too deep", _head(node.span), "in this model")
+
+
+def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Model:
+    """The model of that name, or the only one, or the one that no other model of the file uses."""
+    models = list(library.models())
+    source = library.main.source
+    if name is not None:
+        for model in models:
+            if model.name == name:
+                return model
+        known = [model.name for model in models]
+        where = library.main.tree.items[0].span if library.main.tree.items else Span(source, 0, 0)
+        report.fail(WHICH_MODEL, f"`{source.name}` has no model `{name}`", Span(source, where.start, where.start), "", helps=did_you_mean(name, known), notes=_listed(known))
+    if len(models) == 1:
+        return models[0]
+    used = {part for item in library.main.tree.items if isinstance(item, ast.Model) for part in _classes_used(item)}
+    free = [model for model in models if model.name not in used]
+    if len(free) == 1:
+        return free[0]
+    if not models:
+        report.fail(WHICH_MODEL, f"`{source.name}` has no model", Span(source, 0, 0), "", helps=("a model begins with `model Name`",))
+    chosen = free or models
+    report.fail(
+        WHICH_MODEL,
+        f"`{source.name}` has {len(chosen)} models that no other uses" if free else f"every model of `{source.name}` is used by another",
+        _head(chosen[0].span),
+        "one of them",
+        others=[(_head(other.span), "another") for other in chosen[1:6]],
+        notes=_listed([model.name for model in chosen]),
+        helps=("say which one with `--model`",),
+    )
+
+
+def _listed(names: Sequence[str]) -> tuple[str, ...]:
+    return (f"the models are {', '.join(f'`{name}`' for name in names[:12])}",) if names else ()
+
+
+def _classes_used(model: ast.Model) -> Iterator[str]:
+    """The names of classes that a model's text mentions."""
+    stack: list[ast.Model] = [model]
+    while stack:
+        for item in stack.pop().items:
+            match item:
+                case ast.Declaration():
+                    yield item.type.name.parts[0].name
+                    for declarator in item.declarators:
+                        yield from _redeclared(declarator.arguments)
+                case ast.Extends():
+                    yield item.base.parts[0].name
+                    yield from _redeclared(item.arguments)
+                case ast.Model():
+                    stack.append(item)
+                case _:
+                    pass
+
+
+def _redeclared(arguments: Sequence[ast.Argument]) -> Iterator[str]:
+    for argument in arguments:
+        if isinstance(argument, ast.Redeclaration):
+            yield argument.type.name.parts[0].name
+            yield from _redeclared(argument.arguments)
+        else:
+            yield from _redeclared(argument.nested)
+
+
+def _head(span: Span) -> Span:
+    end = span.source.text.find("\n", span.start)
+    return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))
+
+
+# ------------------------------------------------------------------------------------------------------------ the steps
+
+
+def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, overrides: dict[str, Any]) -> BondGraph:
+    cls = names.make(Resolved(node.name, node, names.file_scope(library.main)))
+    report.stop_if_errors()
+    assert cls is not None
+    build = _new_build(names, report, overrides)
+    root = Instance("", cls, (), build, None, node.comment or "")
+    lines = statements.Lines()
+    expand(root)
+    for instance in build.instances:
+        statements.walk(instance, lines)
+    connect.check_connected(build, root)
+    for instance in build.instances:
+        if instance.cls.is_element:
+            list(statements.ports_of(instance))
+    bonds = connect.fuse(build)
+    _settle_parameters(build)
+    _declared_equations(build, lines)
+    statements.settle_lines(lines, build)
+    junctions = tuple(_junction(part) for part, _ in build.parts if isinstance(part, JunctionPart))
+    elements = _elements(build, lines)
+    signals = _signals(build, lines)
+    experiments = make_experiments(root)
+    parameters = finish_parameters(build, _ordered(build), _head(node.span))
+    for part, _ in build.parts:
+        if isinstance(part, ElementPart):
+            laws.check_numbers(build, part)
+    connect.warn_single(build, (part for part, _ in build.parts if isinstance(part, JunctionPart)), bonds)
+    report.stop_if_errors()
+    graph = BondGraph(
+        node.name,
+        node.comment or "",
+        library.sources,
+        tuple(build.flat_instances),
+        junctions,
+        elements,
+        bonds,
+        parameters,
+        signals,
+        (*lines.equations, *build.extra),
+        tuple(lines.initial),
+        tuple(lines.checks),
+        build.tables,
+        experiments,
+        domains=_domains(library),
+    )
+    if build.renamed:
+        graph = _with_fused_names(graph, build)
+    graph.verify()
+    return graph
+
+
+def _new_build(names: Names, report: Reporter, overrides: dict[str, Any]) -> Build:
+    build = Build(names, report, overrides, make_part, lambda part: None, lambda part, name, span: None, lambda node, context: None)
+    build.evaluate_parameter = partial(evaluate_parameter, build)
+    build.element_parameter = partial(laws.element_parameter, build)
+    build.make_table = partial(table_value, build)
+    return build
+
+
+def _settle_parameters(build: Build) -> None:
+    for part, owner in build.parts:
+        match part:
+            case ParameterPart():
+                evaluate_parameter(build, part)
+            case ElementPart():
+                try:
+                    laws.settle(build, part)
+                except Fault as fault:
+                    build.fault(fault, owner.path)
+                    part.broken = True
+                except Reported:
+                    part.broken = True
+
+
+def _declared_equations(build: Build, lines: statements.Lines) -> None:
+    for part, owner in build.parts:
+        if isinstance(part, SignalPart):
+            try:
+                statements.declared_equation(part, lines, build)
+            except Fault as fault:
+                build.fault(fault, owner.path)
+            except Reported:
+                pass
+
+
+def _junction(part: JunctionPart) -> Junction:
+    return Junction(part.name, part.kind, part.size, part.origin, open=part.open, comment=part.comment)  # type: ignore[arg-type]
+
+
+def _elements(build: Build, lines: statements.Lines) -> tuple[Element, ...]:
+    made: list[Element] = []
+    for part, owner in build.parts:
+        try:
+            match part:
+                case ElementPart() if not part.broken:
+                    made.append(laws.make_element(build, part))
+                case Instance():
+                    made.append(statements.make_field(part, lines))
+                case _:
+                    pass
+        except Fault as fault:
+            build.fault(fault, owner.path)
+        except Reported:
+            pass
+    return tuple(made)
+
+
+def _signals(build: Build, lines: statements.Lines) -> tuple[Signal, ...]:
+    read = statements.names_read([*lines.equations, *lines.initial, *build.extra])
+    made: list[Signal] = []
+    for part, owner in build.parts:
+        if not isinstance(part, SignalPart):
+            continue
+        if part.role == "input" and any(name in lines.defined for name in part.scalars()):
+            part.role = "algebraic"
+        try:
+            signal = statements.make_signal(part, read)
+        except Fault as fault:
+            build.fault(fault, owner.path)
+            continue
+        except Reported:
+            continue
+        statements.check_defined(part, signal, read, lines, build)
+        made.append(signal)
+    made += [Signal(name, (size,), "algebraic", origin) for name, size, origin in build.solved]
+    return tuple(made)
+
+
+def _ordered(build: Build) -> Iterator[ParameterPart]:
+    """Every parameter in the order of declaration, elements' own at the place of the element."""
+    for part, _ in build.parts:
+        match part:
+            case ParameterPart():
+                yield part
+            case ElementPart():
+                for name in part.parameters:
+                    made = build.parameters.get(f"{part.name}.{name}")
+                    if made is not None:
+                        yield made
+            case _:
+                pass
+
+
+def _domains(library: Library) -> tuple[Domain, ...]:
+    found = []
+    for module in library.modules.values():
+        for item in module.tree.items:
+            if isinstance(item, ast.Domain):
+                found.append(_domain(item))
+    return tuple(found)
+
+
+def _domain(node: ast.Domain) -> Domain:
+    said = {"effort": ("effort", ""), "flow": ("flow", "")}
+    for variable in node.variables:
+        unit = ""
+        for argument in variable.arguments:
+            if isinstance(argument, ast.Modifier) and argument.name.text == "unit" and isinstance(argument.value, ast.String):
+                unit = argument.value.value
+        said[variable.role] = (variable.name, unit)
+    return Domain(node.name, *said["effort"], *said["flow"], node.span, node.comment or "")
+
+
+# -------------------------------------------------------------------------------------------------------- fused variables
+
+
+def _with_fused_names(graph: BondGraph, build: Build) -> BondGraph:
+    """Bonds that run through ports have one name; what was read under another (or as a port's variable) is renamed."""
+    names = _renamings(build)
+    if not names:
+        return graph
+    table = {var(old): var(new) for old, new in names.items()}
+
+    def one(expression: Expr) -> Expr:
+        return substitute((expression,), table)[0]
+
+    def many(expressions: Sequence[Expr]) -> tuple[Expr, ...]:
+        return substitute(expressions, table)
+
+    def law(old: Law) -> Law:
+        return Law(one(old.left), one(old.right), old.origin)
+
+    def equation(old: SignalEquation) -> SignalEquation:
+        return SignalEquation(one(old.left), one(old.right), old.origin)
+
+    def element(old: Element) -> Element:
+        modulus = None if old.modulus is None else tuple(many(row) for row in old.modulus)
+        linear = None if old.linear is None else (old.linear[0], tuple(many(row) for row in old.linear[1]))
+        return replace(old, laws=tuple(law(item) for item in old.laws), modulus=modulus, linear=linear)
+
+    return replace(
+        graph,
+        elements=tuple(element(item) for item in graph.elements),
+        equations=tuple(equation(item) for item in graph.equations),
+        initial_equations=tuple(equation(item) for item in graph.initial_equations),
+        checks=tuple(Check(one(item.condition), item.message, item.origin) for item in graph.checks),
+    )
+
+
+def _renamings(build: Build) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for raw in build.raws:
+        for at, (name, j) in raw.flat.items():
+            _rename(found, raw.name, None if raw.size is None else at, name, j)
+    for part, owner in build.parts:
+        if isinstance(part, PortPart) and not owner.cls.is_element:
+            for c, (raw, at) in (part.inside or part.outside).items():
+                if at in raw.flat:
+                    _rename(found, part.name, None if part.size is None else c, *raw.flat[at])
+    return found
+
+
+def _rename(found: dict[str, str], old: str, i: int | None, new: str, j: int | None) -> None:
+    if (old, i) != (new, j):
+        for letter in "ef":
+            found[component(f"{old}.{letter}", i)] = component(f"{new}.{letter}", j)
+
+
+__all__ = ["Bond", "choose_model", "flatten"]

@@ -1,0 +1,503 @@
+"""Make the parts of instances: apply modifications, decide sizes and conditions, name everything by its flat path.
+
+Input        Class, the modifications from outside
+Output       Instance with its parts
+Establishes  every part has its shape; every modification's target exists; the outermost modification wins, and none overrides a final one
+Reports      BG212 wrong kind, BG214 recursive model, BG220 unknown target, BG221 final, BG222 size of an array modification,
+             BG224 redeclaration does not fit, BG225 size of a declaration
+
+A modification is looked up when its target is made: a part's `claims` are all that is said about it, the outermost first,
+the declaration itself last. Nothing is copied, so an instance costs what its own parts cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from bgdsl.diagnostics import Code, did_you_mean
+from bgdsl.expr import param, var
+from bgdsl.ir.domains import DOMAINS
+from bgdsl.ir.elements import JUNCTIONS, KINDS, Kind
+from bgdsl.ir.graph import Instance as FlatInstance
+from bgdsl.ir.graph import Origin
+from bgdsl.passes.elaborate import evaluate, evaluate_integer, evaluate_now
+from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Modification, Resolved, describe
+from bgdsl.passes.parts import (
+    UNKNOWN_TARGET,
+    Absent,
+    ArrayPart,
+    Broken,
+    Build,
+    Claim,
+    Context,
+    ElementPart,
+    Fault,
+    Index,
+    Instance,
+    JunctionPart,
+    ParameterPart,
+    PortPart,
+    Reported,
+    SignalPart,
+    Unfinished,
+    Value,
+    leaves_of,
+    shape_of,
+    shown_shape,
+)
+from bgdsl.source import Span
+from bgdsl.syntax import ast
+
+RECURSIVE = Code("BG214", "a model contains itself")
+FINAL = Code("BG221", "a final thing is modified")
+ARRAY_SIZE = Code("BG222", "a modification does not fit the array that it modifies")
+REDECLARED = Code("BG224", "a redeclaration does not fit")
+SIZE = Code("BG225", "a declaration has a wrong size")
+
+ATTRIBUTES = frozenset({"unit", "displayUnit", "quantity", "min", "max", "start", "fixed", "nominal", "stateSelect"})
+"""What can be said about a Real beside its value."""
+
+
+def make_part(instance: Instance, member: Member) -> Any:
+    """The part that `member` is in this instance; Broken after a report."""
+    name = member.name
+    instance.parts[name] = Unfinished(instance.child(name), member.span)
+    try:
+        part = _make(instance, member)
+    except Fault as fault:
+        instance.build.fault(fault, instance.path)
+        part = Broken(name)
+    except Reported:
+        part = Broken(name)
+    instance.parts[name] = part
+    return part
+
+
+# --------------------------------------------------------------------------------------------------------------- claims
+
+
+def claims_of(instance: Instance, member: Member) -> tuple[Claim, ...]:
+    """Everything that is said about a member, the outermost first, its declaration last."""
+    name = member.name
+    found: list[Claim] = []
+    for table, author, index in instance.layers:
+        entry = table.get(name)
+        if entry is not None:
+            found.append((entry, author, () if entry.each else index))
+    for entry, scope in member.claims:
+        found.append((entry, instance.context(scope), ()))
+    if found:
+        _check_final(found, member)
+    found.append((member.entry, instance.context(member.scope), ()))
+    return tuple(found)
+
+
+def _check_final(found: Sequence[Claim], member: Member) -> None:
+    inner: list[Modification] = [*(claim[0] for claim in found[1:]), member.entry]
+    for outer, keeper in zip(found, inner, strict=True):
+        if keeper.final:
+            raise Fault(
+                FINAL,
+                f"`{member.name}` is final and cannot be modified",
+                outer[0].span,
+                "modified here",
+                others=[(keeper.span, "made final here")],
+            )
+
+
+def nested(claims: Sequence[Claim], name: str) -> tuple[Claim, ...]:
+    """The claims about a thing's attribute or member."""
+    found = []
+    for entry, author, index in claims:
+        inner = entry.nested.get(name)
+        if inner is not None:
+            found.append((inner, author, () if inner.each else index))
+    return tuple(found)
+
+
+def claimed_value(claim: Claim) -> Value:
+    """The value of a modification, indexed with the positions of the array elements that it is for."""
+    entry, author, index = claim
+    assert entry.value is not None
+    if not index:
+        return evaluate(entry.value, author)
+    shared = author.build.shared
+    key = (id(entry.value), id(author))
+    if key not in shared:
+        shared[key] = (entry.value, author, evaluate(entry.value, author))
+    value = shared[key][2]
+    for position, size in index:
+        shape = shape_of(value)
+        if not shape:
+            raise Fault(
+                ARRAY_SIZE,
+                f"`{entry.name}` of an array of {size} is modified with one value",
+                entry.span,
+                "not an array",
+                helps=(f"write `each {entry.span.text}` to give it to all of them",),
+            )
+        if shape[0] != size:
+            raise Fault(
+                ARRAY_SIZE, f"`{entry.name}` of an array of {size} is modified with {shown_shape(shape)}", entry.span, f"{size} values are wanted"
+            )
+        value = value[position]
+    return value
+
+
+def attribute(claims: Sequence[Claim], name: str) -> Value | None:
+    """The value of an attribute or parameter given by the outermost claim, None where none is."""
+    for claim in nested(claims, name):
+        if claim[0].value is not None:
+            return claimed_value(claim)
+    return None
+
+
+def check_targets(build: Build, claims: Sequence[Claim], known: Any, what: Callable[[], str], where: Span) -> None:
+    """Every modification has to name something that is there. Each table is checked once for each kind of target."""
+    for entry, _, _ in claims:
+        if not entry.nested or build.checked.get(id(entry)) is known:
+            continue
+        build.checked[id(entry)] = known
+        for name, change in entry.nested.items():
+            if name not in known:
+                build.fault(
+                    Fault(
+                        UNKNOWN_TARGET,
+                        f"{what()} has no `{name}` to modify",
+                        change.span,
+                        "not found",
+                        others=[(where, "it is defined here")] if where is not change.span else (),
+                        helps=did_you_mean(name, sorted(known)),
+                    )
+                )
+
+
+# ---------------------------------------------------------------------------------------------------------------- parts
+
+
+def _make(instance: Instance, member: Member) -> Any:
+    claims = claims_of(instance, member)
+    author = claims[-1][1]
+    condition = member.declarator.condition
+    path = instance.child(member.name)
+    if condition is not None and not evaluate_now(condition, author):
+        return Absent(path, member.span)
+    resolved, dims, author = _type_of(instance, member, claims)
+    match resolved.node:
+        case ast.Model():
+            return _spread(instance, member, claims, lambda p, c: _instance(instance, member, resolved, p, c))
+        case ast.TypeDefinition() | None if _basic(resolved):
+            return _value_part(instance, member, resolved, claims)
+        case None if resolved.name in KINDS:
+            _allow(member, {"final", "replaceable", "protected"}, "an element")
+            kind = KINDS[resolved.name]
+            sizes = _port_sizes(kind, dims, author, member)
+            origin = Origin(instance.path, member.span)
+            return _spread(instance, member, claims, lambda p, c: ElementPart(p, kind, sizes, member, c, origin))
+        case None if resolved.name in JUNCTIONS:
+            _allow(member, {"open", "final", "replaceable", "protected"}, "a junction")
+            size = _one_size(dims, author, member)
+            return _spread(instance, member, claims, lambda p, c: _junction(instance, member, resolved.name, size, p, c))
+        case ast.Domain() | None if isinstance(resolved.node, ast.Domain) or resolved.name in DOMAINS:
+            size = _one_size(dims, author, member)
+            return _spread(instance, member, claims, lambda p, c: _port(instance, member, resolved.name, size, p))
+        case None if not resolved.name:
+            return Broken(path)
+        case _:
+            what = describe(resolved)
+            raise Fault(WRONG_KIND, f"`{resolved.name}` is {what}; nothing can be declared with it", member.declaration.type.span, what)
+
+
+def _type_of(instance: Instance, member: Member, claims: Sequence[Claim]) -> tuple[Resolved, tuple[ast.Expression, ...], Context]:
+    """The type, its dimensions and who wrote them: the declaration's, or that of the outermost redeclaration."""
+    for entry, author, _ in claims:
+        if entry.redeclared is not None:
+            return _redeclared(instance.build, member, entry.redeclared, author), entry.redeclared.type.dims, author
+    return member.type, member.declaration.type.dims, claims[-1][1]
+
+
+def _redeclared(build: Build, member: Member, node: ast.Redeclaration, author: Context) -> Resolved:
+    if id(node) not in build.redeclared:
+        build.redeclared[id(node)] = (node, build.names.resolve(node.type.name, author.scope))
+        new = build.redeclared[id(node)][1]
+        if new is not None:
+            _check_redeclared(build, member, new, node)
+    new = build.redeclared[id(node)][1]
+    if new is None:
+        raise Reported
+    return new
+
+
+def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Redeclaration) -> None:
+    """The new class has to be of the old one's kind, with its ports and open junctions."""
+
+    def misfit(message: str, *others: tuple[Span, str]) -> Fault:
+        return Fault(REDECLARED, message, node.type.span, "the new class", others=((member.span, "declared here"), *others))
+
+    old = member.type
+    if isinstance(old.node, ast.Model) != isinstance(new.node, ast.Model) or describe(old) != describe(new):
+        build.fault(misfit(f"`{member.name}` is {describe(old)}, `{new.name}` is {describe(new)}"))
+        return
+    before = build.names.make(old) if isinstance(old.node, ast.Model) else None
+    after = build.names.make(new) if isinstance(new.node, ast.Model) else None
+    if before is None or after is None:
+        return
+    for name, part in before.members.items():
+        role = part.prefixes & {"port in", "port out", "open"}
+        there = after.members.get(name)
+        if role and (there is None or not role <= there.prefixes):
+            what = f"`{next(iter(role))}` `{name}`"
+            build.fault(misfit(f"`{after.name}` lacks {what} of `{before.name}`", (part.span, "the old class has it")))
+
+
+def _allow(member: Member, prefixes: set[str], what: str) -> None:
+    wrong = member.prefixes - prefixes
+    if wrong:
+        raise Fault(WRONG_KIND, f"{what} cannot be `{min(wrong)}`", member.declaration.span, f"`{member.name}` is {what}")
+
+
+def _basic(resolved: Resolved) -> bool:
+    return resolved.name in BASIC if resolved.node is None else isinstance(resolved.node, ast.TypeDefinition)
+
+
+def _spread(instance: Instance, member: Member, claims: tuple[Claim, ...], make: Callable[[str, tuple[Claim, ...]], Any]) -> Any:
+    """One part, or an array of them where the declaration has dimensions."""
+    path = instance.child(member.name)
+    dims = member.declarator.dims
+    if not dims:
+        _no_parts(claims)
+        return make(path, claims)
+    shape = tuple(_extent(dim, claims[-1][1], member) for dim in dims)
+    items = []
+    for spot in _spots(shape):
+        index: Index = tuple(zip(spot, shape, strict=True))
+        inner = tuple(_element_claims(claims, index))
+        items.append(make(f"{path}[{','.join(str(i + 1) for i in spot)}]", inner))
+    return ArrayPart(path, shape, tuple(items))
+
+
+def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
+    if isinstance(dim, ast.Colon):
+        raise Fault(SIZE, f"the size of `{member.name}` is not given", dim.span, "an array of components has a size")
+    size = evaluate_integer(dim, author)
+    if size < 0:
+        raise Fault(SIZE, f"`{member.name}` cannot have {size} elements", dim.span, "negative")
+    return size
+
+
+def _spots(shape: Sequence[int]) -> list[tuple[int, ...]]:
+    spots: list[tuple[int, ...]] = [()]
+    for size in shape:
+        spots = [(*spot, i) for spot in spots for i in range(size)]
+    return spots
+
+
+def _element_claims(claims: Sequence[Claim], index: Index) -> list[Claim]:
+    """What is said about one element of an array of components."""
+    found: list[Claim] = []
+    for entry, author, before in claims:
+        for subscripts, part in entry.parts:
+            at = tuple(evaluate_integer(subscript, author) - 1 for subscript in subscripts)
+            if len(at) != len(index) or any(not 0 <= i < size for i, (_, size) in zip(at, index, strict=True)):
+                sizes = " x ".join(str(size) for _, size in index)
+                raise Fault(ARRAY_SIZE, f"there is no such element of `{entry.name}`", part.span, f"it is an array of {sizes}")
+            if at == tuple(i for i, _ in index):
+                found.append((part, author, before))
+        found.append((entry, author, (*before, *index)))
+    return found
+
+
+def _no_parts(claims: Sequence[Claim]) -> None:
+    for entry, _, _ in claims:
+        for _, part in entry.parts:
+            raise Fault(ARRAY_SIZE, f"`{entry.name}` is no array", part.span, "it takes no subscripts")
+
+
+def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, claims: tuple[Claim, ...]) -> Instance:
+    build = outer.build
+    _allow(member, {"final", "replaceable", "protected"}, "an instance of a model")
+    cls = build.names.make(resolved)
+    if cls is None:
+        raise Reported
+    chain: Instance | None = outer
+    while chain is not None:
+        if chain.cls is cls:
+            raise Fault(
+                RECURSIVE,
+                f"model `{cls.name}` contains itself",
+                member.span,
+                "an instance of it, inside it",
+                others=[(_head(cls.node.span), "the model")],
+            )
+        chain = chain.outer
+    if member.declaration.type.dims:
+        raise Fault(SIZE, f"`{cls.name}` is {describe(resolved)}, it has no dimensions", member.declaration.type.span, "put the size after the name")
+    check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", _head(cls.node.span))
+    _check_protected(build, claims, cls)
+    layers = tuple((entry.nested, author, index) for entry, author, index in claims if entry.nested)
+    return Instance(path, cls, layers, build, Origin(outer.path, member.span), member.declarator.comment or "", outer)
+
+
+def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
+    for entry, _, _ in claims:
+        for name, change in entry.nested.items():
+            member = cls.members.get(name)
+            if member is not None and member.hidden:
+                build.fault(
+                    Fault(UNKNOWN_TARGET, f"`{name}` of `{cls.name}` is protected", change.span, "modified here", others=[(member.span, "declared here")])
+                )
+
+
+def _head(span: Span) -> Span:
+    end = span.source.text.find("\n", span.start)
+    return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))
+
+
+NOTHING: frozenset[str] = frozenset()
+
+
+def _junction(instance: Instance, member: Member, kind: str, size: int | None, path: str, claims: tuple[Claim, ...]) -> JunctionPart:
+    check_targets(instance.build, claims, NOTHING, lambda: "a junction", member.span)
+    return JunctionPart(path, JUNCTIONS[kind], size, "open" in member.prefixes, Origin(instance.path, member.span), member.declarator.comment or "")
+
+
+def _port(instance: Instance, member: Member, domain: str, size: int | None, path: str) -> PortPart:
+    role = member.prefixes & {"port in", "port out"}
+    if not role:
+        raise Fault(
+            WRONG_KIND,
+            f"`{domain}` is a domain: only ports can be declared with it",
+            member.declaration.type.span,
+            "a domain",
+            helps=(f"write `port in {domain} {member.name};` or `port out ...`",),
+        )
+    return PortPart(path, "port out" in role, domain, size, instance, member, Origin(instance.path, member.span))
+
+
+def _port_sizes(kind: Kind, dims: tuple[ast.Expression, ...], author: Context, member: Member) -> tuple[int | None, ...]:
+    """The sizes of an element's ports; a two-port is declared [n2, n1], or [n] where both are n."""
+    sizes = [_size_of(dim, author, member) for dim in dims]
+    if kind.ports == 1:
+        return (_one_size(dims, author, member),)
+    if len(sizes) > 2:
+        raise Fault(SIZE, f"a {kind.name} has two dimensions, not {len(sizes)}", member.declaration.type.span, "rows (port 2), columns (port 1)")
+    return (None, None) if not sizes else (sizes[-1], sizes[0])
+
+
+def _one_size(dims: tuple[ast.Expression, ...], author: Context, member: Member) -> int | None:
+    if len(dims) > 1:
+        raise Fault(SIZE, f"`{member.name}` has one dimension, not {len(dims)}", member.declaration.type.span, "one size is wanted")
+    return _size_of(dims[0], author, member) if dims else None
+
+
+def _size_of(dim: ast.Expression, author: Context, member: Member) -> int:
+    size = _extent(dim, author, member)
+    if size == 0:
+        raise Fault(SIZE, f"`{member.name}` cannot have no components", dim.span, "at least 1")
+    return size
+
+
+# --------------------------------------------------------------------------------------------------------------- values
+
+
+def _value_part(instance: Instance, member: Member, resolved: Resolved, claims: tuple[Claim, ...]) -> ParameterPart | SignalPart:
+    author = claims[-1][1]
+    basic, more, type_dims = _basic_type(instance.build, resolved)
+    claims = (*claims, *more)
+    check_targets(instance.build, claims, ATTRIBUTES, lambda: f"a {basic}", member.span)
+    dims = (*member.declarator.dims, *member.declaration.type.dims)
+    shape: tuple[int, ...] | None = None
+    if not any(isinstance(dim, ast.Colon) for dim in dims):
+        shape = (*(_extent(dim, author, member) for dim in dims), *type_dims)
+    path = instance.child(member.name)
+    origin = Origin(instance.path, member.span)
+    if member.prefixes & {"parameter", "constant"}:
+        return _parameter(instance.build, member, basic, shape, claims, path, origin)
+    if member.prefixes & {"port in", "port out", "open"}:
+        _allow(member, {"parameter", "constant", "input", "output", "final", "protected", "replaceable"}, f"a {basic}")
+    if basic != "Real":
+        raise Fault(
+            WRONG_KIND,
+            f"a variable is a Real, not a {basic}",
+            member.declaration.type.span,
+            basic,
+            helps=(f"write `parameter {basic} {member.name}` or `constant {basic} {member.name}`",),
+        )
+    if shape is None:
+        raise Fault(SIZE, f"the size of variable `{member.name}` is not given", member.span, "`:` is for parameters")
+    part = SignalPart(path, shape, member, claims, origin, leaves_of(var, path, shape))
+    part.output = "output" in member.prefixes
+    part.role = "input" if "input" in member.prefixes else "algebraic"
+    return part
+
+
+def _basic_type(build: Build, resolved: Resolved) -> tuple[str, tuple[Claim, ...], tuple[int, ...]]:
+    """The basic type behind a `type`, what the definitions on the way say about it, and their dimensions."""
+    claims: tuple[Claim, ...] = ()
+    dims: tuple[int, ...] = ()
+    seen: list[ast.TypeDefinition] = []
+    while isinstance(resolved.node, ast.TypeDefinition):
+        node, scope = resolved.node, resolved.scope
+        assert scope is not None
+        if any(node is other for other in seen):
+            raise Fault(WRONG_KIND, f"type `{node.name}` is defined by itself", node.span, "")
+        seen.append(node)
+        author = Context(build, None, scope)
+        claims += ((Modification(node.name, node.span, None, build.names.table(node.arguments)), author, ()),)
+        dims += tuple(evaluate_integer(dim, author) for dim in node.type.dims)
+        base = build.names.resolve(node.type.name, scope)
+        if base is None:
+            raise Reported
+        if not _basic(base):
+            raise Fault(WRONG_KIND, f"a type is made of a basic type, `{base.name}` is {describe(base)}", node.type.span, "")
+        resolved = base
+    return resolved.name, claims, dims
+
+
+def _parameter(
+    build: Build, member: Member, basic: str, shape: tuple[int, ...] | None, claims: tuple[Claim, ...], path: str, origin: Origin
+) -> ParameterPart:
+    part = ParameterPart(path, basic, shape or (), member, claims, origin, "constant" in member.prefixes)
+    part.comment = member.declarator.comment or ""
+    build.parameters[path] = part
+    if shape is None:
+        part.open_shape = True
+        build.evaluate_parameter(part)
+        if part.state == "failed":
+            raise Reported
+    elif not part.constant and basic not in ("String", "Table"):
+        part.value = leaves_of(param, path, shape) if shape else param(path)
+    return part
+
+
+# ------------------------------------------------------------------------------------------------------------- the walk
+
+
+def expand(root: Instance) -> None:
+    """Make every part of every instance, depth first in the order of declaration, and note them in `build`."""
+    build = root.build
+    stack: list[tuple[Any, Instance]] = [(root, root)]
+    while stack:
+        part, owner = stack.pop()
+        match part:
+            case Instance():
+                _note(build, part)
+                if part.cls.is_element:
+                    build.parts.append((part, owner))
+                members = [(part.part(name), part) for name in part.cls.members]
+                stack.extend(reversed(members))
+            case ArrayPart():
+                stack.extend((item, owner) for item in reversed(part.items))
+            case Absent() | Broken() | Unfinished():
+                pass
+            case _:
+                build.parts.append((part, owner))
+                if isinstance(part, SignalPart | ElementPart):
+                    build.nodes[part.name] = part
+
+
+def _note(build: Build, instance: Instance) -> None:
+    build.instances.append(instance)
+    cls = instance.cls
+    build.flat_instances.append(FlatInstance(instance.path, cls.name, cls.node.span, instance.declared, instance.comment))

@@ -1,0 +1,467 @@
+"""Elements with their laws: which parameter or law was given, what it is, and what must hold of it.
+
+Input        ElementPart, all parts of the model being made
+Output       ir.graph.Element
+Establishes  each element has exactly the laws of its kind; scalar and vector values are parameters of the flat model, matrices
+             stay expressions so that their structural zeros are seen
+Reports      BG250 value missing, BG251 contradictory, BG252 a constant kind reads variables, BG253 wrong size of a value,
+             BG254 EJS not skew, BG255 not symmetric positive definite, BG256 zero, BG257 a law in other variables than its kind's
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bgdsl.diagnostics import Code
+from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological, var
+from bgdsl.ir.elements import Kind, component
+from bgdsl.ir.graph import Element, Law, Port
+from bgdsl.passes.elaborate import evaluate as evaluate_expression
+from bgdsl.passes.instantiate import attribute, check_targets, claimed_value, nested
+from bgdsl.passes.parameters import spread, unit_of
+from bgdsl.passes.parts import (
+    UNKNOWN_TARGET,
+    Build,
+    Claim,
+    ElementPart,
+    Fault,
+    ParameterPart,
+    Reported,
+    Value,
+    array_of,
+    entries,
+    leaves_of,
+    parameters_of,
+    shape_of,
+    shown_shape,
+    unknowns_of,
+    vector,
+)
+from bgdsl.passes.values import diagonal, full, kind_of
+from bgdsl.source import Span
+
+MISSING = Code("BG250", "an element's value is missing")
+BOTH = Code("BG251", "an element is given two values that exclude each other")
+MODULATED = Code("BG252", "an element of a constant kind reads what changes")
+VALUE_SIZE = Code("BG253", "an element's value has the wrong size")
+NOT_SKEW = Code("BG254", "an Euler junction structure is not power-free")
+NOT_DEFINITE = Code("BG255", "a storage matrix is not symmetric and positive definite")
+ZERO_VALUE = Code("BG256", "an element's value is zero")
+WRONG_LAW = Code("BG257", "a law is written in variables that its kind does not relate")
+
+LAWS = {"C": ("e", "q"), "I": ("f", "p"), "R": ("e", "f")}
+"""The variables that the law of a kind relates; a nonlinear law gives one of them."""
+
+STARTS = {"C": ("q", "e"), "I": ("p", "f")}
+
+_TARGETS = {name: frozenset(names) for name, names in {
+    "Se": ("e",), "Sf": ("f",), "MSe": ("e",), "MSf": ("f",),
+    "I": ("I", "f", "p", "parasitic"), "C": ("C", "k", "e", "q", "parasitic"), "R": ("R", "G", "e", "f", "parasitic"),
+    "TF": ("m", "T"), "MTF": ("m", "T"), "GY": ("r", "G"), "MGY": ("r", "G"), "EJS": ("G",),
+}.items()}  # fmt: skip
+
+
+# ------------------------------------------------------------------------------------------------------- what was given
+
+
+def settle(build: Build, part: ElementPart) -> None:
+    """Find the parameter or law that was given, once, and make it a parameter of the flat model if it is one."""
+    if part.settled:
+        return
+    part.settled = True
+    kind = part.kind
+    check_targets(build, part.claims, _TARGETS[kind.name], lambda: f"a {kind.name}", part.member.span)
+    name, claim = _given(part)
+    if name not in kind.parameters:
+        part.law = (name, claim)
+        return
+    value = claimed_value(claim)
+    if kind_of(value) != "number":
+        raise Fault(VALUE_SIZE, f"`{name}` of a {kind.name} is a number, this is a {kind_of(value)}", claim[0].span, "")
+    _check_constant(part, name, value, claim[0].span)
+    part.parameters[name] = _as_parameter(build, part, name, value, claim)
+
+
+def _given(part: ElementPart) -> tuple[str, Claim]:
+    kind = part.kind
+    known = (*kind.parameters, *(name for name in LAWS.get(kind.name, ()) if name not in kind.parameters))
+    for entry, author, index in part.claims:
+        found = [name for name in known if name in entry.nested and entry.nested[name].value is not None]
+        if len(found) > 1:
+            first, second = (entry.nested[name] for name in found[:2])
+            raise Fault(
+                BOTH,
+                f"`{part.name}` is given both `{found[0]}` and `{found[1]}`",
+                second.span,
+                "and this",
+                others=[(first.span, "this")],
+                helps=("give one of them; a law may read any parameter of the model under its own name",),
+            )
+        if found:
+            inner = entry.nested[found[0]]
+            return found[0], (inner, author, () if inner.each else index)
+    wanted = " or ".join(f"`{name} = ...`" for name in kind.parameters)
+    law = LAWS.get(kind.name)
+    raise Fault(
+        MISSING,
+        f"{kind.name} `{part.name}` has no value",
+        part.member.span,
+        f"{wanted} is missing",
+        helps=(f"write `{kind.name} {part.member.name}({kind.parameters[0]} = ...)`{f', or a law `{law[0]} = ...`' if law else ''}",),
+    )
+
+
+def _check_constant(part: ElementPart, name: str, value: Value, span: Span) -> None:
+    """Kinds without modulation read parameters (sources: and time) only."""
+    kind = part.kind
+    if kind.modulated or kind.name == "R":
+        return
+    for item in entries(value):
+        for leaf in unknowns_of(item):
+            if leaf.op == "time" and kind.name in ("Se", "Sf"):
+                continue
+            what = "time" if leaf.op == "time" else f"`{leaf.data}`"
+            if kind.name in ("I", "C"):
+                law = "f = p/..." if kind.name == "I" else "e = q/..."
+                helps = (f"a storage that changes is written as a law: `{kind.name} {part.member.name}({law})`",)
+            else:
+                helps = (f"use the modulated kind: `M{kind.name} {part.member.name}({name} = ...)`",)
+            raise Fault(MODULATED, f"{kind.name} `{part.name}` reads {what}, which changes during a run", span, f"reads {what}", helps=helps)
+
+
+def _as_parameter(build: Build, part: ElementPart, name: str, value: Value, claim: Claim) -> Value:
+    """A scalar or vector value over parameters becomes a parameter of the flat model; its leaves are returned."""
+    path = f"{part.name}.{name}"
+    if len(shape_of(value)) > 1 or any(unknowns_of(item) for item in entries(value)):
+        return value
+    made = ParameterPart(path, "Real", shape_of(value), None, (claim,), part.origin, state="done")
+    made.values = entries(value)
+    if path in build.overrides:
+        build.used.add(path)
+        given = build.overrides[path]
+        made.values = tuple(const(float(x)) for x in (given if isinstance(given, tuple | list) else [given] * len(made.values)))
+    if claim[0].nested:
+        made.unit = unit_of((claim,), made.shape)
+        made.low = spread(attribute((claim,), "min"), made.shape, claim[0].span, "min")
+        made.high = spread(attribute((claim,), "max"), made.shape, claim[0].span, "max")
+    made.comment = ""
+    build.parameters[path] = made
+    made.value = leaves_of(param, path, made.shape) if made.shape else param(path)
+    return made.value
+
+
+def element_parameter(build: Build, part: ElementPart, name: str, span: Span) -> Value:
+    """What reading `spring.k` gives."""
+    settle(build, part)
+    if name in part.parameters:
+        return part.parameters[name]
+    given = next(iter(part.parameters), None)
+    helps = (f"it is given by `{given}`",) if given else ("it is given by a law",)
+    raise Fault(MISSING, f"`{part.name}` is not given by `{name}`", span, "", others=[(part.member.span, "declared here")], helps=helps)
+
+
+# ------------------------------------------------------------------------------------------------------------- elements
+
+
+def make_element(build: Build, part: ElementPart) -> Element:
+    """The element in the flat graph's form."""
+    settle(build, part)
+    kind = part.kind
+    laws: tuple[Law, ...] = ()
+    modulus = linear = None
+    if part.law is not None:
+        laws = _nonlinear(part, *part.law)
+    else:
+        (name,) = part.parameters
+        value = part.parameters[name]
+        span = next((entry.nested[name].span for entry, _, _ in part.claims if name in entry.nested), part.member.span)
+        if kind.state is None and kind.inward is False:
+            laws = _source_laws(part, name, value, span)
+        else:
+            rows = _rows(part, name, value, span)
+            _check_rows(build, part, name, rows, span)
+            if kind.name in LAWS:
+                linear = (name, rows)
+                laws = _linear_laws(part, name, rows)
+            else:
+                modulus = rows
+    return Element(
+        part.name,
+        kind.name,
+        _ports(part),
+        part.origin,
+        laws,
+        modulus,
+        linear,
+        _states(part),
+        _starts(part) if any(entry.nested for entry, _, _ in part.claims) else {},
+        _parasitic(build, part),
+        part.member.declarator.comment or "",
+    )
+
+
+def _ports(part: ElementPart) -> tuple[Port, ...]:
+    if part.kind.ports == 1:
+        return (Port("", part.sizes[0], part.kind.inward),)
+    return (Port("p1", part.sizes[0], True), Port("p2", part.sizes[1], False))
+
+
+def _variables(part: ElementPart, letter: str) -> tuple[Expr, ...]:
+    return entries(vector(f"{part.name}.{letter}", part.sizes[0]))
+
+
+def _states(part: ElementPart) -> tuple[str, ...]:
+    if part.kind.state is None:
+        return ()
+    base, size = f"{part.name}.{part.kind.state}", part.sizes[0]
+    return (base,) if size is None else tuple(component(base, i) for i in range(size))
+
+
+def _starts(part: ElementPart) -> dict[str, Expr]:
+    """Initial values by scalar variable; of the state or of its co-energy variable, not both."""
+    found: dict[str, Expr] = {}
+    first: Claim | None = None
+    for letter in ("p", "q", "e", "f"):
+        for claim in nested(nested(part.claims, letter), "start"):
+            if letter not in STARTS.get(part.kind.name, ()):
+                raise Fault(UNKNOWN_TARGET, f"`{letter}` of a {part.kind.name} has no initial value", claim[0].span, "it is no state")
+            if first is not None:
+                raise Fault(
+                    BOTH, f"`{part.name}` is given two initial values", claim[0].span, "and this", others=[(first[0].span, "this")]
+                )
+            first = claim
+            value = claimed_value(claim)
+            size = part.sizes[0]
+            if shape_of(value) not in ((), () if size is None else (size,)):
+                raise Fault(VALUE_SIZE, f"the initial value of `{part.name}` is {shown_shape(shape_of(value))}", claim[0].span, "")
+            given = spread(value, () if size is None else (size,), claim[0].span, "start")
+            found |= {name.data: item for name, item in zip(_variables(part, letter), given or (), strict=True)}
+            break
+    return found
+
+
+def _parasitic(build: Build, part: ElementPart) -> bool:
+    value = attribute(part.claims, "parasitic") if part.kind.name in LAWS else None
+    if value is None:
+        return False
+    if not isinstance(value, Expr):
+        raise Fault(VALUE_SIZE, "`parasitic` is true or false", part.member.span, "")
+    return bool(build.number(value, part.member.span))
+
+
+# ----------------------------------------------------------------------------------------------------------------- laws
+
+
+def _source_laws(part: ElementPart, name: str, value: Value, span: Span) -> tuple[Law, ...]:
+    size = part.sizes[0]
+    shape = shape_of(value)
+    if shape not in ((), () if size is None else (size,)):
+        raise _wrong_size(part, name, value, span)
+    values = entries(value) if shape or size is None else entries(value) * size
+    return tuple(Law(left, right, part.origin) for left, right in zip(_variables(part, name), values, strict=True))
+
+
+def _wrong_size(part: ElementPart, name: str, value: Value, span: Span) -> Fault:
+    sizes = [size for size in part.sizes]
+    if part.kind.ports == 2 and sizes[0] is not None:
+        wanted = f"a matrix of {sizes[1]} x {sizes[0]}"
+    elif sizes[0] is None:
+        wanted = "a scalar"
+    elif part.kind.inward:
+        wanted = f"a scalar, a vector of {sizes[0]} (its diagonal) or a matrix of {sizes[0]} x {sizes[0]}"
+    else:
+        wanted = f"a vector of {sizes[0]}"
+    return Fault(
+        VALUE_SIZE,
+        f"`{name}` of `{part.name}` is {shown_shape(shape_of(value))}, {wanted} is wanted",
+        span,
+        shown_shape(shape_of(value)),
+        others=[(part.member.declaration.type.span, "sized here")],
+    )
+
+
+Rows = tuple[tuple[Expr, ...], ...]
+
+
+def _rows(part: ElementPart, name: str, value: Value, span: Span) -> Rows:
+    """The value as a matrix: port 2 by port 1; a scalar or vector on a square one is its diagonal."""
+    columns = part.sizes[0] or 1
+    height = columns if part.kind.ports == 1 else part.sizes[1] or 1
+    shape = shape_of(value)
+    if part.sizes[0] is None:
+        if shape:
+            raise _wrong_size(part, name, value, span)
+        return ((value,),)
+    if shape == () and height == columns:
+        value = diagonal(full((columns,), value))
+    elif shape == (columns,) and height == columns:
+        value = diagonal(value)
+    elif len(shape) == 1 and (height, columns) in ((1, shape[0]), (shape[0], 1)):
+        value = value.reshape(height, columns)
+    elif shape != (height, columns):
+        raise _wrong_size(part, name, value, span)
+    return tuple(tuple(row) for row in value)
+
+
+def _is_diagonal(rows: Rows) -> bool:
+    return all(entry is ZERO for i, row in enumerate(rows) for j, entry in enumerate(row) if i != j)
+
+
+def _linear_laws(part: ElementPart, name: str, rows: Rows) -> tuple[Law, ...]:
+    """I: f = p/I; C: e = q/C or e = k q; R: e = R f or f = G e. A full I or C relates p = I f, q = C e without being inverted."""
+    letters = {"I": ("f", "p"), "C": ("e", "q"), "k": ("e", "q"), "R": ("e", "f"), "G": ("f", "e")}
+    left, right = (_variables(part, letter) for letter in letters[name])
+    origin = part.origin
+    if name in ("I", "C"):
+        if len(rows) == 1 or _is_diagonal(rows):
+            return tuple(Law(left[i], right[i] / rows[i][i], origin) for i in range(len(rows)))
+        left, right = right, left
+    if len(rows) == 1:
+        return (Law(left[0], rows[0][0] * right[0], origin),)
+    return tuple(Law(left[i], add(a * x for a, x in zip(row, right, strict=True)), origin) for i, row in enumerate(rows))
+
+
+def _nonlinear(part: ElementPart, name: str, claim: Claim) -> tuple[Law, ...]:
+    """A law `name = expression` in the element's own variables, then in its author's names."""
+    entry, author, index = claim
+    size = part.sizes[0]
+    own = {letter: vector(f"{part.name}.{letter}", size) for letter in part.kind.own}
+    value = claimed_value((entry, author.with_locals(own), index))
+    shape = () if size is None else (size,)
+    if kind_of(value) != "number" or shape_of(value) != shape:
+        raise _wrong_size(part, name, value, entry.span)
+    related = LAWS[part.kind.name]
+    foreign = {item.data: letter for letter in part.kind.own if letter not in related for item in _variables(part, letter)}
+    for item in entries(value):
+        for leaf in leaves((item,)):
+            if leaf.data in foreign:
+                raise Fault(
+                    WRONG_LAW,
+                    f"the law of a {part.kind.name} relates `{related[0]}` and `{related[1]}`, this one reads `{foreign[leaf.data]}`",
+                    entry.span,
+                    f"reads `{foreign[leaf.data]}`",
+                    helps=("put what depends on it into an element of its own",),
+                )
+    return tuple(Law(left, right, part.origin) for left, right in zip(_variables(part, name), entries(value), strict=True))
+
+
+# --------------------------------------------------------------------------------------------------------------- checks
+
+
+def _check_rows(build: Build, part: ElementPart, name: str, rows: Rows, span: Span) -> None:
+    if part.kind.name == "EJS":
+        _check_skew(build, part, rows, span)
+        return
+    if all(entry.is_zero for row in rows for entry in row) and (name, part.kind.name) not in _MAY_VANISH:
+        raise zero_value(part, name, span)
+    if len(rows) > 1 and part.kind.name in ("I", "C"):
+        _check_definite(build, part, name, rows, span)
+
+
+_MAY_VANISH = {("R", "R"), ("G", "R"), ("k", "C")}
+
+
+def zero_value(part: ElementPart, name: str, span: Span) -> Fault:
+    meaning = {
+        "I": "an I without inertia fixes no flow: leave it out",
+        "C": "a C without compliance is rigid: leave it out",
+    }.get(part.kind.name, "it joins nothing: leave it out")
+    return Fault(ZERO_VALUE, f"`{name}` of {part.kind.name} `{part.name}` is zero", span, "zero", helps=(meaning,))
+
+
+def check_numbers(build: Build, part: ElementPart) -> None:
+    """With every default known: no scalar inertia, compliance, modulus or ratio is zero."""
+    for name in part.parameters:
+        path = f"{part.name}.{name}"
+        made = build.parameters.get(path)
+        if made is None or (name, part.kind.name) in _MAY_VANISH or not part.kind.inward:
+            continue
+        names = (path,) if not made.shape else tuple(component(path, i) for i in range(made.shape[0]))
+        if any(build.numbers.get(scalar) == 0.0 for scalar in names) and (part.kind.ports == 1 or len(names) == 1):
+            span = next((entry.nested[name].span for entry, _, _ in part.claims if name in entry.nested), part.member.span)
+            build.fault(zero_value(part, name, span), part.origin.path)
+
+
+def _check_skew(build: Build, part: ElementPart, rows: Rows, span: Span) -> None:
+    for i, row in enumerate(rows):
+        for j in range(i + 1):
+            if not _vanishes(build, row[j] + rows[j][i]):
+                where = f"[{i + 1},{j + 1}]"
+                raise Fault(
+                    NOT_SKEW,
+                    f"`G` of EJS `{part.name}` is not skew: G{where} is not -G[{j + 1},{i + 1}]",
+                    span,
+                    "wants G = -transpose(G)",
+                    notes=("an Euler junction structure neither makes nor takes power",),
+                    helps=("write it with `skew(...)`", "what does take power is an R"),
+                )
+
+
+def _vanishes(build: Build, expression: Expr) -> bool:
+    """Whether an expression is zero whatever its leaves are: by its form, else at a few random points."""
+    if expression.is_zero:
+        return True
+    if expression.is_const:
+        return False
+    chance = random.Random(1)
+    nodes = list(topological((expression,)))
+    names = [node.data for node in nodes if node.op in ("var", "param")]
+    tried = 0
+    for _ in range(12):
+        values = {name: chance.uniform(0.2, 1.4) for name in names}
+        try:
+            total = evaluate(expression, values, time=chance.uniform(0.2, 1.4), tables=build.tables)
+        except (ArithmeticError, ValueError):
+            continue
+        if not abs(total) < 1e-9:
+            return False
+        tried += 1
+        if tried == 4:
+            break
+    return tried > 0
+
+
+def _check_definite(build: Build, part: ElementPart, name: str, rows: Rows, span: Span) -> None:
+    for i, row in enumerate(rows):
+        for j in range(i):
+            if row[j] is not rows[j][i] and not _equal_by_default(build, row[j], rows[j][i], span):
+                raise Fault(
+                    NOT_DEFINITE,
+                    f"`{name}` of `{part.name}` is not symmetric: [{i + 1},{j + 1}] is not [{j + 1},{i + 1}]",
+                    span,
+                    "not symmetric",
+                    notes=("otherwise it would make energy out of nothing",),
+                )
+    if any(unknowns_of(entry) for row in rows for entry in row):
+        return
+    try:
+        numbers = np.array([[build.number(entry, span, structural=False) for entry in row] for row in rows])
+    except Reported:
+        return
+    least = float(np.linalg.eigvalsh(numbers)[0])
+    floor = -1e-12 * float(np.abs(numbers).max()) if name == "k" else 0.0
+    if least < floor or (least == 0.0 and name != "k"):
+        raise Fault(
+            NOT_DEFINITE,
+            f"`{name}` of `{part.name}` is not positive definite: its smallest eigenvalue is {least:g}",
+            span,
+            "with the parameters' default values",
+        )
+
+
+def _equal_by_default(build: Build, a: Expr, b: Expr, span: Span) -> bool:
+    if _vanishes(build, a - b):
+        return True
+    try:
+        x, y = (build.number(value, span, structural=False) for value in (a, b))
+    except (Reported, Fault):
+        return False
+    return abs(x - y) <= 1e-12 * max(abs(x), abs(y))
+
+
+Numbers = Sequence[Any]
+__all__ = ["Kind", "Numbers", "array_of", "evaluate_expression", "parameters_of", "var"]

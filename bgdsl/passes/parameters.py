@@ -1,0 +1,362 @@
+"""Values of parameters: bindings evaluated, overrides applied, types and bounds checked, circles found.
+
+Input        ParameterPart
+Output       the same with `values`, `low`, `high`, `unit`; finally `ir.graph.Parameter`
+Establishes  values read other parameters only, and no parameter depends on itself
+Reports      BG240 no value, BG241 circle, BG242 out of bounds, BG243 a parameter reads a variable, BG244 wrong type of value,
+             BG283 unknown override
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from bgdsl.diagnostics import Code, did_you_mean
+from bgdsl.expr import Expr, Table, const, evaluate, param
+from bgdsl.ir.graph import Parameter, scalar_names
+from bgdsl.passes.elaborate import evaluate as evaluate_expression
+from bgdsl.passes.elaborate import evaluate_integer
+from bgdsl.passes.instantiate import SIZE, attribute, claimed_value
+from bgdsl.passes.parts import (
+    CYCLE,
+    NO_VALUE,
+    Build,
+    Context,
+    Fault,
+    ParameterPart,
+    Reported,
+    TableName,
+    Value,
+    array_of,
+    circle_fault,
+    entries,
+    leaves_of,
+    parameters_of,
+    shape_of,
+    shown_shape,
+    unknowns_of,
+)
+from bgdsl.passes.tables import DATA, Column, make_table, read_columns
+from bgdsl.passes.values import kind_of
+from bgdsl.source import Span
+from bgdsl.syntax import ast
+
+BOUNDS = Code("BG242", "a parameter is out of its bounds")
+VARIABLE = Code("BG243", "a parameter reads a variable")
+TYPE = Code("BG244", "a value is of the wrong type or size")
+OVERRIDE = Code("BG283", "a parameter to be set does not exist")
+
+
+def evaluate_parameter(build: Build, part: ParameterPart) -> None:
+    """Fill in the part's values. A failure is reported once and leaves it `failed`."""
+    if part.state == "open":
+        raise Fault(CYCLE, f"`{part.name}` depends on itself", part.origin.span, "its value needs its own value")
+    if part.state != "new":
+        return
+    part.state = "open"
+    try:
+        _bind(build, part)
+        part.state = "done"
+    except Fault as fault:
+        part.state = "failed"
+        build.fault(fault, part.origin.path)
+    except Reported:
+        part.state = "failed"
+
+
+def _bind(build: Build, part: ParameterPart) -> None:
+    value, span = _binding(build, part)
+    if part.open_shape:
+        _settle_shape(part, value, span)
+    elif shape_of(value) != part.shape:
+        raise Fault(
+            TYPE,
+            f"`{part.name}` is {shown_shape(part.shape)}, its value is {shown_shape(shape_of(value))}",
+            span,
+            shown_shape(shape_of(value)),
+            others=[(part.origin.span, "declared here")],
+        )
+    wanted = {"String": "string", "Table": "table"}.get(part.type, "number")
+    if kind_of(value) != wanted and entries(value):
+        raise Fault(
+            TYPE, f"`{part.name}` is a {part.type}, its value is a {kind_of(value)}", span, "", others=[(part.origin.span, "declared here")]
+        )
+    if wanted != "number":
+        part.value = value
+        part.values = ()
+        return
+    part.values = entries(value)
+    for item in part.values:
+        for leaf in unknowns_of(item):
+            raise _reads_variable(part, leaf, span)
+    if part.constant and all(item.is_const for item in part.values):
+        part.value = value
+    elif part.value is None:
+        part.value = leaves_of(param, part.name, part.shape)
+    _attributes(part)
+    if part.type == "Integer":
+        _check_whole(build, part, span)
+
+
+def _reads_variable(part: ParameterPart, leaf: Expr, span: Span) -> Fault:
+    what = "time" if leaf.op == "time" else f"variable `{leaf.data}`"
+    return Fault(
+        VARIABLE,
+        f"parameter `{part.name}` reads {what}",
+        span,
+        "changes during a run",
+        helps=(f"declare it as a variable: `Real {part.name.rpartition('.')[2]} = ...;`",) if part.member is not None else (),
+    )
+
+
+def _binding(build: Build, part: ParameterPart) -> tuple[Value, Span]:
+    """The value and where it is written: an override, else the outermost claim's."""
+    if part.name in build.overrides:
+        build.used.add(part.name)
+        return _lifted(build.overrides[part.name], part), part.origin.span
+    pieces = []
+    for claim in part.claims:
+        entry, author, _ = claim
+        pieces += [(subscripts, piece, author) for subscripts, piece in entry.parts]
+        if entry.value is not None:
+            value = claimed_value(claim)
+            if part.shape and part.member is None and not shape_of(value):
+                value = array_of([value] * int(np.prod(part.shape)), part.shape)
+            for subscripts, piece, writer in reversed(pieces):
+                value = _replaced(value, subscripts, piece.value, piece.span, writer)
+            return _overridden(build, part, value), entry.value.span
+    raise Fault(
+        NO_VALUE,
+        f"parameter `{part.name}` has no value",
+        part.origin.span,
+        "declared without a value",
+        helps=("give it one here, or where it is used: `... (" + part.name.rpartition(".")[2] + " = 1)`",),
+    )
+
+
+def _lifted(value: Any, part: ParameterPart) -> Value:
+    """A value from outside (numbers, truth values, strings, nested tuples of them)."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int | float | np.number):
+        return const(float(value))
+    numbers = np.asarray(value, dtype=float)
+    return array_of([const(number) for number in numbers.flat], numbers.shape)
+
+
+def _overridden(build: Build, part: ParameterPart, value: Value) -> Value:
+    """Overrides of single entries: `gain[1]`."""
+    if not build.overrides or not part.shape:
+        return value
+    changed = value.copy()
+    for i, name in enumerate(scalar_names(part.name, part.shape)):
+        if name in build.overrides:
+            build.used.add(name)
+            changed.flat[i] = const(float(build.overrides[name]))
+    return changed
+
+
+def _replaced(value: Value, subscripts: tuple[ast.Expression, ...], piece: ast.Expression | None, span: Span, author: Context) -> Value:
+    shape = shape_of(value)
+    at = tuple(evaluate_integer(subscript, author) - 1 for subscript in subscripts)
+    if piece is None or len(at) != len(shape) or any(not 0 <= i < n for i, n in zip(at, shape, strict=True)):
+        raise Fault(SIZE, "there is no such entry to modify", span, f"it is {shown_shape(shape)}")
+    changed = value.copy()
+    changed[at] = evaluate_expression(piece, author)
+    return changed
+
+
+def _settle_shape(part: ParameterPart, value: Value, span: Span) -> None:
+    """`Real r[:]` takes the size of its value."""
+    shape = shape_of(value)
+    assert part.member is not None
+    dims = (*part.member.declarator.dims, *part.member.declaration.type.dims)
+    if len(dims) != len(shape):
+        raise Fault(TYPE, f"`{part.name}` has {len(dims)} dimensions, its value is {shown_shape(shape)}", span, "")
+    author = part.claims[0][1] if part.claims else None
+    for dim, size in zip(dims, shape, strict=True):
+        if not isinstance(dim, ast.Colon) and author is not None and evaluate_integer(dim, author) != size:
+            raise Fault(TYPE, f"`{part.name}` has another size than its value, {shown_shape(shape)}", span, "")
+    part.shape = shape
+    part.value = None
+
+
+def _attributes(part: ParameterPart) -> None:
+    if not any(entry.nested for entry, _, _ in part.claims):
+        return
+    part.unit = unit_of(part.claims, part.shape)
+    part.low = spread(attribute(part.claims, "min"), part.shape, part.origin.span, "min")
+    part.high = spread(attribute(part.claims, "max"), part.shape, part.origin.span, "max")
+
+
+def unit_of(claims: Any, shape: tuple[int, ...]) -> str:
+    """The unit that the claims give; of an array with several, none."""
+    unit = attribute(claims, "unit")
+    kinds = set(entries(unit)) if unit is not None else {""}
+    return str(kinds.pop()) if len(kinds) == 1 else ""
+
+
+def spread(value: Value | None, shape: tuple[int, ...], span: Span, what: str) -> tuple[Expr, ...] | None:
+    """An attribute's values for every entry of an array: its own, or one for all."""
+    if value is None:
+        return None
+    if kind_of(value) != "number":
+        raise Fault(TYPE, f"`{what}` is a number", span, "")
+    if not shape_of(value):
+        return (value,) * int(np.prod(shape, dtype=int))
+    if shape_of(value) != shape:
+        raise Fault(TYPE, f"`{what}` is {shown_shape(shape_of(value))}, the variable is {shown_shape(shape)}", span, "declared here")
+    return entries(value)
+
+
+def _check_whole(build: Build, part: ParameterPart, span: Span) -> None:
+    for item in part.values or ():
+        if item.is_const and not float(item.data).is_integer():
+            raise Fault(TYPE, f"`{part.name}` is an Integer, its value is {item.data:g}", span, "not whole")
+
+
+# ---------------------------------------------------------------------------------------------------------------- tables
+
+
+def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
+    """`table("file.csv", x = "angle", y = "force", kind = "cubic", periodic = true)` or `table({...}, {...}, kind = "linear")`."""
+    options = {name: evaluate_expression(value, context) for name, value in node.named}
+    for name, value in node.named:
+        if name not in ("x", "y", "kind", "periodic"):
+            raise Fault(
+                DATA, f"a table has no option `{name}`", value.span, "", helps=did_you_mean(name, ("x", "y", "kind", "periodic")) or ("x, y, kind, periodic",)
+            )
+    kind, periodic = options.get("kind", "linear"), options.get("periodic", const(0.0))
+    given = [evaluate_expression(argument, context) for argument in node.arguments]
+    if not isinstance(kind, str) or not isinstance(periodic, Expr) or not periodic.is_const:
+        raise Fault(DATA, "`kind` is a string and `periodic` true or false", node.span, "")
+    source = node.span.source
+    match given:
+        case [str() as name]:
+            folder = source.path.parent if source.path is not None else None
+            path = (folder / name) if folder is not None else __import__("pathlib").Path(name)
+            columns = [_column(options.get(axis), axis, i, node.span) for i, axis in enumerate("xy")]
+            xs, ys, rows = read_columns(path, columns[0], columns[1], node.span)
+            key: tuple[Any, ...] = (str(path), *columns, kind, periodic.data)
+        case [xs_value, ys_value] if "x" not in options and "y" not in options:
+            xs, ys = (_numbers(build, value, node.span) for value in (xs_value, ys_value))
+            rows = []
+            key = (tuple(xs), tuple(ys), kind, periodic.data)
+        case _:
+            raise Fault(
+                DATA,
+                "a table is made of a file's name or of two vectors",
+                node.span,
+                "",
+                helps=('write `table("file.csv", x = "a", y = "b")` or `table({0, 1}, {2, 3})`',),
+            )
+    name = next((name for name, known in build.table_keys.items() if known == key), None)
+    if name is None:
+        name = f"table{len(build.tables) + 1}"
+        build.tables[name] = make_table(name, xs, ys, kind, bool(periodic.data), node.span, rows)
+        build.table_keys[name] = key
+    return TableName(name)
+
+
+def _column(value: Value | None, axis: str, i: int, span: Span) -> Column:
+    if value is None:
+        return i + 1
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Expr) and value.is_const and float(value.data).is_integer():
+        return int(value.data)
+    raise Fault(DATA, f"`{axis}` is a column's name or number", span, "")
+
+
+def _numbers(build: Build, value: Value, span: Span) -> list[float]:
+    if len(shape_of(value)) != 1 or kind_of(value) != "number":
+        raise Fault(DATA, "the points of a table are two vectors of numbers", span, "")
+    return [build.number(item, span) for item in value]
+
+
+# ------------------------------------------------------------------------------------------------------------ the result
+
+
+def finish_parameters(build: Build, parts: Iterable[ParameterPart], span: Span) -> tuple[Parameter, ...]:
+    """Every parameter in the flat graph's form, once circles are excluded and bounds checked."""
+    kept = [part for part in parts if part.state == "done" and part.type not in ("String", "Table")]
+    _check_overrides(build, span)
+    _evaluate_all(build, kept)
+    for part in kept:
+        _check_bounds(build, part)
+    return tuple(
+        Parameter(
+            part.name,
+            part.shape,
+            part.values or (),
+            part.origin,
+            part.unit,
+            part.comment,
+            part.low,
+            part.high,
+            part.structural,
+            part.constant,
+            part.type == "Integer",
+        )
+        for part in kept
+    )
+
+
+def _check_overrides(build: Build, span: Span) -> None:
+    known = [*build.parameters]
+    for name in build.overrides:
+        if name not in build.used:
+            build.report.add(
+                OVERRIDE, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known)
+            )
+
+
+def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:
+    """The default of every parameter as a number, or the report of a circle."""
+    for part in parts:
+        for name, item in zip(scalar_names(part.name, part.shape), part.values or (), strict=True):
+            if name in build.numbers:
+                continue
+            if item.op == "const":
+                build.numbers[name] = item.data
+            else:
+                try:
+                    build.number(param(name), part.origin.span, structural=False)
+                except Fault as fault:
+                    build.fault(fault, part.origin.path)
+                except Reported:
+                    pass
+
+
+def _check_bounds(build: Build, part: ParameterPart) -> None:
+    for bounds, word, beyond in ((part.low, "min", lambda x, b: x < b), (part.high, "max", lambda x, b: x > b)):
+        if bounds is None:
+            continue
+        for name, bound in zip(scalar_names(part.name, part.shape), bounds, strict=True):
+            try:
+                limit = build.number(bound, part.origin.span, structural=False)
+            except Reported:
+                continue
+            value = build.numbers.get(name)
+            if value is not None and beyond(value, limit):
+                build.fault(
+                    Fault(
+                        BOUNDS,
+                        f"`{name}` is {value:g}, its `{word}` is {limit:g}",
+                        _value_span(part),
+                        f"{value:g}",
+                        others=[(part.origin.span, f"declared with {word} {limit:g}")],
+                    ),
+                    part.origin.path,
+                )
+
+
+def _value_span(part: ParameterPart) -> Span:
+    return next((entry.value.span for entry, _, _ in part.claims if entry.value is not None), part.origin.span)
+
+
+Numbers = Mapping[str, float]
+__all__ = ["Numbers", "Table", "circle_fault", "evaluate", "parameters_of"]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bgdsl.diagnostics import Code, did_you_mean
+from bgdsl.expr import Expr
 from bgdsl.ir.graph import Bond, End, Origin
 from bgdsl.passes.elaborate import position, unknown_name
 from bgdsl.passes.parts import (
@@ -66,14 +67,16 @@ def connect(chain: ast.BondChain, context: Context) -> None:
     count = 0
     for i, arrow in enumerate(chain.arrows):
         for tail in chain.ends[i]:
-            for head in chain.ends[i + 1]:
-                _connect_one(tail, head, arrow, chain, context)
+            for k, head in enumerate(chain.ends[i + 1]):
+                _connect_one(tail, head, arrow, chain, context, (i, k))
                 count += 1
     if chain.name is not None and count > 1:
         raise Fault(BOND_NAME, f"`{chain.name}` names {count} bonds", chain.span, "one name for one bond", helps=("write them as separate statements",))
 
 
-def _connect_one(tail: ast.Reference, head: ast.Reference, arrow: ast.Arrow, chain: ast.BondChain, context: Context) -> None:
+def _connect_one(
+    tail: ast.Reference, head: ast.Reference, arrow: ast.Arrow, chain: ast.BondChain, context: Context, link: tuple[int, int]
+) -> None:
     instance = context.instance
     assert instance is not None
     start, stop = _locate(tail, context), _locate(head, context)
@@ -81,12 +84,18 @@ def _connect_one(tail: ast.Reference, head: ast.Reference, arrow: ast.Arrow, cha
         return
     ends = (_end(start, "tail", tail, context), _end(stop, "head", head, context))
     size = _common_size(ends[0][3], ends[1][3], tail, head, arrow)
-    origin = Origin(instance.path, tail.span.to(head.span) if len(chain.arrows) > 1 or len(chain.ends[-1]) > 1 else chain.span)
+    origin = Origin(instance.path, tail.span.to(head.span) if len(chain.arrows) > 1 or len(chain.ends[-1]) > 1 else chain.span, link, _turn(context))
     raw = RawBond(chain.name or "", size, ends[0][:3], ends[1][:3], arrow.stroke, origin)
     _join(raw, raw.tail, "tail", tail)
     _join(raw, raw.head, "head", head)
     context.build.raws.append(raw)
     _name(raw, instance, chain, f"{'_'.join(start.words)}_{'_'.join(stop.words)}")
+
+
+def _turn(context: Context) -> tuple[int, ...]:
+    """The values of the iterators around a statement, outermost first."""
+    values = context.locals.values() if context.locals else ()
+    return tuple(int(value.data if isinstance(value, Expr) else value) for value in values)
 
 
 def _name(raw: RawBond, instance: Instance, chain: ast.BondChain, made: str) -> None:

@@ -6,9 +6,10 @@ the time, the step is cut there, and the integration starts anew behind it. Asse
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from bgdsl.expr import ZERO, if_else
+from bgdsl.expr import ONE, if_else
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.trajectory import Crossing
 from bgdsl.simulate.failures import CHATTERING, VIOLATED, IntegrationError, stop
@@ -36,7 +37,7 @@ class Watch:
         program = model.program
         self._program = program
         self.count = len(program.events)
-        checks = [if_else(check.condition, ZERO + 1.0, ZERO) for check in program.checks]
+        checks = [if_else(check.condition, ONE, -ONE) for check in program.checks]
         self.kernel = model.evaluator([*(event.value for event in program.events), *checks])
         self._inputs = inputs
         self._span = stop - start
@@ -71,6 +72,12 @@ class Watch:
                 self.note(t, k, bool(before[k] < 0.0))
         return t
 
+    def cross(self, t: float, signs: Sequence[int]) -> None:
+        """Take over the crossings that the integrator itself has located at t."""
+        for k, sign in enumerate(signs[: self.count]):
+            if sign:
+                self.note(t, k, sign > 0)
+
     def note(self, t: float, k: int, rising: bool) -> None:
         """Record a crossing; RunError when this function's events crowd."""
         self.crossings.append(Crossing(t, k, rising))
@@ -100,7 +107,7 @@ class Watch:
 
     def _assert(self, t: float) -> None:
         for check, value in zip(self._program.checks, self._values[self.count :], strict=True):
-            if value == 0.0:
+            if value < 0.0:
                 stop(VIOLATED, f"{check.message} (t = {t:.9g} s)", check.origin, "does not hold", t)
 
     def _locate(self, stepper: Stepper, k: int, before: float) -> float:

@@ -18,18 +18,19 @@ from bgdsl.diagnostics import Reporter
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.trajectory import Statistics, Status, Trajectory
 from bgdsl.simulate.columns import find_columns, output_columns
+from bgdsl.simulate.cvode import CvodeLoop, CvodeStepper
 from bgdsl.simulate.events import Watch
 from bgdsl.simulate.failures import IntegrationError, explain
 from bgdsl.simulate.initial import initial_state
 from bgdsl.simulate.inputs import InputSignals, input_signals
-from bgdsl.simulate.methods import METHODS
+from bgdsl.simulate.methods import METHODS, Method
 from bgdsl.simulate.options import Options, parameter_array
 from bgdsl.simulate.quadrature import Quadrature, Quadratures
 from bgdsl.simulate.recorder import Grid, Recorder
 from bgdsl.simulate.recording import MemorySink, Sink, open_sink
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
-from bgdsl.simulate.stepper import Stepper
+from bgdsl.simulate.stepper import Counters, Stepper
 
 if TYPE_CHECKING:
     import numpy as np
@@ -115,7 +116,7 @@ class Journey:
         self._model, self._options, self._inputs = model, options, inputs
         self._recorder, self._quadrature, self._progress = recorder, quadrature, progress
         self.watch = Watch(model, inputs, options.start, options.stop)
-        self._stepper: Stepper | None = None
+        self._spent = Counters()
         self._told = 0.0
 
     def travel(self, x0: Floats) -> None:
@@ -127,11 +128,36 @@ class Journey:
         if not len(x0):
             self._without_states()
             return
-        stepper = self._stepper = make_stepper(self._model, options, self._inputs, options.start, x0)
+        method = METHODS[options.method]
+        if method.engine == "cvode":
+            self._with_cvode(method, x0)
+            return
+        stepper = make_stepper(self._model, options, self._inputs, options.start, x0)
+        self._spent = stepper.counters
         while stepper.t < options.stop:
             stepper.step()
             self._look(stepper)
             self._tell(stepper.t)
+
+    def _with_cvode(self, method: Method, x0: Floats) -> None:
+        """CVODE's own loop; Python is told of events only."""
+        options, watch = self._options, self.watch
+        events = None if watch.idle else watch.kernel
+        stepper = CvodeStepper(self._model, method, options, self._inputs, options.start, x0, events)
+        self._spent = stepper.counters
+        try:
+            loop = CvodeLoop(stepper, options, self._recorder, self._quadrature)
+            while (what := loop.go()) != "done":
+                if what == "root":
+                    x = stepper.x.copy()
+                    watch.cross(stepper.t, stepper.roots(watch.kernel.size))
+                    stepper.restart(stepper.t, x)
+                    watch.begin(stepper.t, x)
+                    loop.forget()
+                self._tell(stepper.t)
+        finally:
+            stepper.finish()
+            stepper.close()
 
     def _look(self, stepper: Stepper) -> None:
         """What an accepted step is looked at for: events first, since they cut it."""
@@ -168,9 +194,7 @@ class Journey:
 
     def statistics(self) -> Statistics:
         method = self._options.method
-        if self._stepper is None:
-            return Statistics(method)
-        spent = self._stepper.counters
+        spent = self._spent
         return Statistics(
             method=method,
             steps=spent.steps,
@@ -197,8 +221,6 @@ class Still:
     """The one step of a model without states."""
 
     def __init__(self, t_old: float, t: float, x: Floats):
-        from bgdsl.simulate.stepper import Counters
-
         self.t_old, self.t, self.x = t_old, t, x
         self.counters = Counters()
 
@@ -222,8 +244,8 @@ def make_stepper(model: CompiledModel, options: Options, inputs: InputSignals, t
             return ScipyStepper(model, method, options, inputs, t, x)
         case "vode":
             return VodeStepper(model, method, options, inputs, t, x)
-        case "cvode":
-            raise NotImplementedError
+        case engine:
+            raise AssertionError(engine)
 
 
 __all__ = ["Journey", "Progress", "Run", "simulate"]

@@ -1,0 +1,299 @@
+"""CVODE at work on a model without Python in between: its callbacks are kernels that call the model's machine code.
+
+`CvodeStepper` is a stepper like the others (one step at a time); `travel` hands the whole loop over steps, rows and integrals to
+the kernel of `kernels/loop.py`, which comes back for events, full buffers and trouble only.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import TYPE_CHECKING, Any
+
+from bgdsl.ir.native import CompiledModel, Kernel
+from bgdsl.simulate import sundials
+from bgdsl.simulate.failures import IntegrationError
+from bgdsl.simulate.inputs import InputSignals
+from bgdsl.simulate.kernels.compiler import KERNELS
+from bgdsl.simulate.kernels.link import Link
+from bgdsl.simulate.kernels.loop import BROKEN, DONE, FULL, ROOT, Loop
+from bgdsl.simulate.methods import Method
+from bgdsl.simulate.options import Options
+from bgdsl.simulate.quadrature import STRIDE, Quadrature
+from bgdsl.simulate.recorder import Recorder
+from bgdsl.simulate.sparse import SparseLU
+from bgdsl.simulate.stepper import Counters
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+MOST_REPIVOTINGS = 20
+BUDGET = 2000
+"""Steps between two looks at the keyboard and the progress bar."""
+
+
+class CvodeStepper:
+    """CVODE, backward differences with a sparse direct solver or Adams by functional iteration."""
+
+    def __init__(
+        self, model: CompiledModel, method: Method, options: Options, inputs: InputSignals, t: float, x: Floats, events: Kernel | None
+    ):
+        import numpy as np
+
+        self._library = sundials.libraries()
+        self._model, self._method, self._options = model, method, options
+        self.counters = Counters()
+        self._kept: list[Any] = []
+        self._repivotings = 0
+        n = len(x)
+        self._state = np.array(x, dtype=float)
+        self._dense_state = np.zeros(n)
+        self.clock = np.array([t])
+        self.t_old = t
+        self.link = self._make_link(model, inputs, n, events)
+        lib = self._library
+        self.y = lib.N_VMake_Serial(n, self._state.ctypes.data, lib.context)
+        self.scratch = lib.N_VMake_Serial(n, self._dense_state.ctypes.data, lib.context)
+        self._solver: int | None = None
+        self._matrix: int | None = None
+        self._fixed_point: int | None = None
+        self.memory = self._make_memory(0 if events is None else events.size)
+
+    def _make_link(self, model: CompiledModel, inputs: InputSignals, n: int, events: Kernel | None) -> Any:
+        import numpy as np
+
+        link = Link()
+        link.n = n
+        link.context = model.context
+        link.rhs = self.call(model.rhs)
+        link.trouble_state = self.keep(np.zeros(n))
+        link.inputs, link.pieces = inputs.count, max(0, len(inputs.breaks) - 1)
+        link.breaks, link.coefficients = self.keep(inputs.breaks), self.keep(inputs.coefficients)
+        link.u = self.keep(np.zeros(max(1, inputs.count)))
+        if events is not None:
+            link.events = self.call(events)
+        if self._method.jacobian:
+            link.jacobian = self.call(model.jacobian)
+            link.values = self.keep(np.zeros(max(1, model.jacobian.size)))
+            self._lu = SparseLU(*model.pattern)
+            link.factors = self._lu.address
+        return link
+
+    def keep(self, array: Any) -> int:
+        """The address of an array that has to live as long as this stepper."""
+        self._kept.append(array)
+        return int(array.ctypes.data)
+
+    def call(self, kernel: Kernel) -> int:
+        """The address of a model's function; one without gets a C face."""
+        self._kept.append(kernel)
+        if kernel.address:
+            return kernel.address
+        face = _c_face(kernel, len(self._model.program.states), len(self._model.program.inputs))
+        self._kept.append(face)
+        return ctypes.cast(face, ctypes.c_void_p).value or 0
+
+    def _make_memory(self, roots: int) -> int:
+        lib, options = self._library, self._options
+        memory: int = lib.CVodeCreate(sundials.BDF if self._method.key == "bdf" else sundials.ADAMS, lib.context)
+        lib.check(lib.CVodeInit(memory, KERNELS.address("cv_rhs"), float(self.clock[0]), self.y), "CVodeInit")
+        lib.check(lib.CVodeSStolerances(memory, options.rtol, options.atol), "CVodeSStolerances")
+        lib.check(lib.CVodeSetUserData(memory, ctypes.addressof(self.link)), "CVodeSetUserData")
+        lib.check(lib.CVodeSetMaxHnilWarns(memory, -1), "CVodeSetMaxHnilWarns")
+        lib.check(lib.CVodeSetMaxErrTestFails(memory, 20), "CVodeSetMaxErrTestFails")
+        lib.check(lib.CVodeSetMaxConvFails(memory, 40), "CVodeSetMaxConvFails")
+        if options.max_step < options.stop - options.start:
+            lib.check(lib.CVodeSetMaxStep(memory, options.max_step), "CVodeSetMaxStep")
+        lib.check(lib.CVodeSetStopTime(memory, options.stop), "CVodeSetStopTime")
+        if self._method.jacobian:
+            self._attach_solver(memory)
+        else:
+            self._fixed_point = lib.SUNNonlinSol_FixedPoint(self.y, 0, lib.context)
+            lib.check(lib.CVodeSetNonlinearSolver(memory, self._fixed_point), "CVodeSetNonlinearSolver")
+        if roots:
+            lib.check(lib.CVodeRootInit(memory, roots, KERNELS.address("cv_root")), "CVodeRootInit")
+            lib.check(lib.CVodeSetNoInactiveRootWarn(memory), "CVodeSetNoInactiveRootWarn")
+        return memory
+
+    def _attach_solver(self, memory: int) -> None:
+        """A linear solver and a matrix of our own: empty shells whose operations are kernels."""
+        lib = self._library
+        self._solver = solver = lib.SUNLinSolNewEmpty(lib.context)
+        sundials.words(solver)[0] = ctypes.addressof(self.link)
+        for name, kernel in (("GetType", "ls_kind"), ("Setup", "ls_setup"), ("Solve", "ls_solve")):
+            lib.set_operation(solver, name, KERNELS.address(kernel))
+        self._matrix = matrix = lib.SUNMatNewEmpty(lib.context)
+        lib.set_operation(matrix, "GetID", KERNELS.address("matrix_kind"))
+        lib.check(lib.CVodeSetLinearSolver(memory, solver, matrix), "CVodeSetLinearSolver")
+        lib.check(lib.CVodeSetLinSysFn(memory, KERNELS.address("cv_linsys")), "CVodeSetLinSysFn")
+
+    def close(self) -> None:
+        """Free what CVODE holds."""
+        lib = self._library
+        if self.memory:
+            lib.CVodeFree(ctypes.byref(ctypes.c_void_p(self.memory)))
+            self.memory = 0
+            if self._fixed_point is not None:
+                lib.SUNNonlinSolFree(self._fixed_point)
+            if self._solver is not None:
+                lib.SUNLinSolFreeEmpty(self._solver)
+                lib.SUNMatFreeEmpty(self._matrix)
+            lib.N_VDestroy(self.y)
+            lib.N_VDestroy(self.scratch)
+
+    # a stepper
+
+    @property
+    def t(self) -> float:
+        """The current time."""
+        return float(self.clock[0])
+
+    @property
+    def x(self) -> Floats:
+        """The current states (CVODE's own array)."""
+        return self._state
+
+    def dense(self, times: Floats) -> Floats:
+        import numpy as np
+
+        values: Floats = np.empty((len(times), len(self._state)))
+        for t, row in zip(times.tolist(), values, strict=True):
+            self._library.CVodeGetDky(self.memory, t, 0, self.scratch)
+            row[:] = self._dense_state
+        return values
+
+    def restart(self, t: float, x: Floats) -> None:
+        self._count()
+        self._state[:] = x
+        self.clock[0] = self.t_old = t
+        self._library.check(self._library.CVodeReInit(self.memory, t, self.y), "CVodeReInit")
+
+    def _count(self) -> None:
+        """Take over what CVODE has counted since its last start."""
+        number = ctypes.c_long()
+        for read in (self._library.CVodeGetNumErrTestFails, self._library.CVodeGetNumNonlinSolvConvFails):
+            read(self.memory, ctypes.byref(number))
+            self.counters.rejected += number.value
+
+    def finish(self) -> Counters:
+        """The final counts."""
+        self._count()
+        self.counters.rhs = self.link.rhs_calls
+        self.counters.jacobian = self.link.jacobian_calls
+        self.counters.factorisations = self.link.factorisations
+        return self.counters
+
+    def roots(self, count: int) -> list[int]:
+        """The signs (+1 rising, -1 falling, 0) of the root functions at the root just returned."""
+        found = (ctypes.c_int * count)()
+        self._library.CVodeGetRootInfo(self.memory, found)
+        return list(found)
+
+    def recover(self, flag: int) -> None:
+        """Deal with a step that could not be taken: a new pivot order if that was it; IntegrationError otherwise."""
+        link = self.link
+        if link.repivot and self._repivotings < MOST_REPIVOTINGS:
+            self._repivotings += 1
+            link.repivot = 0
+            self._pivot_anew()
+            self._library.CVodeGetDky(self.memory, self.t, 0, self.y)
+            self.restart(self.t, self._state.copy())
+            return
+        reason = sundials.FLAGS.get(flag, f"CVODE says {flag}")
+        import numpy as np
+
+        if link.troubled:
+            x = np.ctypeslib.as_array(ctypes.cast(link.trouble_state, ctypes.POINTER(ctypes.c_double)), (link.n,)).copy()
+            raise IntegrationError(reason, link.trouble_time, x, link.status)
+        raise IntegrationError(reason, self.t, self._state.copy(), collapsed=flag in sundials.COLLAPSED)
+
+    def _pivot_anew(self) -> None:
+        import numpy as np
+
+        link = self.link
+        values = np.ctypeslib.as_array(ctypes.cast(link.values, ctypes.POINTER(ctypes.c_double)), (self._model.jacobian.size,))
+        try:
+            self._lu = SparseLU(*self._model.pattern, (values.copy(), link.gamma))
+        except RuntimeError as error:  # singular even with pivoting
+            raise IntegrationError("the iteration matrix is singular", self.t, self._state.copy(), collapsed=True) from error
+        link.factors = self._lu.address
+
+
+class CvodeLoop:
+    """The kernel loop around a `CvodeStepper`, tied to the arrays of a recorder and a quadrature."""
+
+    def __init__(self, stepper: CvodeStepper, options: Options, recorder: Recorder, quadrature: Quadrature | None):
+        import numpy as np
+
+        self.stepper, self._recorder, self._quadrature = stepper, recorder, quadrature
+        lib = sundials.libraries()
+        loop = self.record = Loop()
+        keep = stepper.keep
+        loop.link = ctypes.addressof(stepper.link)
+        loop.advance, loop.interpolate = lib.address("CVode"), lib.address("CVodeGetDky")
+        loop.memory, loop.y, loop.scratch = stepper.memory, stepper.y, stepper.scratch
+        loop.clock, loop.stop = keep(stepper.clock), options.stop
+        grid = recorder.grid
+        loop.row_count, loop.row_start, loop.row_interval = grid.count, grid.start, grid.interval
+        loop.row_capacity, loop.columns = recorder.capacity, recorder.rows.shape[1]
+        loop.row_times, loop.rows, loop.states = keep(recorder.times), keep(recorder.rows), keep(recorder.state_rows)
+        loop.keep = len(recorder.state_rows) > 0
+        loop.row_kernel = stepper.call(recorder.kernel)
+        if quadrature is not None:
+            terms = loop.terms = len(quadrature.totals)
+            loop.window_start, loop.window_stop = quadrature.window
+            loop.integrands, loop.stride = stepper.call(quadrature.kernel), STRIDE
+            for name in ("absolute", "totals", "errors", "smallest", "largest"):
+                setattr(loop, name, keep(getattr(quadrature, name)))
+            for name, size in (("left", 1), ("inner", 2), ("right", 1), ("sums", 3)):
+                setattr(loop, name, keep(np.zeros(size * terms)))
+        self._travel = KERNELS.function("travel")
+
+    def go(self) -> str:
+        """Go on until something is up: "budget", "done", "root". Full buffers and new pivot orders are dealt with here."""
+        loop, recorder, stepper = self.record, self._recorder, self.stepper
+        loop.budget = BUDGET
+        while True:
+            loop.row_next, loop.row_fill = recorder.next, recorder.fill
+            status = self._travel(ctypes.addressof(loop))
+            recorder.next, recorder.fill = loop.row_next, loop.row_fill
+            stepper.counters.steps, stepper.t_old = loop.steps, loop.t_old
+            if self._quadrature is not None:
+                self._quadrature.panels, self._quadrature.evaluations = loop.panels, loop.evaluations
+            match status:
+                case 0:
+                    return "budget"
+                case s if s == DONE:
+                    return "done"
+                case s if s == ROOT:
+                    return "root"
+                case s if s == FULL:
+                    recorder.flush()
+                case s if s == BROKEN:
+                    raise IntegrationError("what is recorded cannot be evaluated", stepper.t, stepper.x.copy(), stepper.link.status)
+                case _:
+                    stepper.recover(status)
+                    loop.have_left = 0
+
+    def forget(self) -> None:
+        """The states were changed from outside."""
+        self.record.have_left = 0
+
+
+def _c_face(kernel: Kernel, n: int, m: int) -> Any:
+    """A C function that calls a kernel which is only Python."""
+    import numpy as np
+
+    signature = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *[ctypes.c_void_p] * 4)
+
+    def array(address: int | None, size: int) -> Any:
+        if not size or not address:
+            return np.zeros(0)
+        return np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(ctypes.c_double)), (size,))
+
+    def face(t: float, x: int, u: int, out: int, context: int) -> int:
+        return kernel(t, array(x, n), array(u, m), array(out, kernel.size))
+
+    return signature(face)

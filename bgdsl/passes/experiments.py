@@ -188,7 +188,7 @@ def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple
 
 
 def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[tuple[str, Expr]]:
-    for entry, author, index in claims:
+    for entry, author, index in reversed(claims):
         for name, inner in entry.nested.items():
             made = author.build.parameters.get(f"{part.name}.{name}")
             if made is None:
@@ -209,22 +209,23 @@ def _of_parameter(part: ParameterPart, claims: tuple[Claim, ...], span: Span) ->
         word = "constant" if part.constant else "final"
         raise Fault(NO_PARAMETER, f"`{part.name}` is {word}", span, "cannot be changed", others=[(part.origin.span, "declared here")])
     names = scalar_names(part.name, part.shape)
-    for claim in claims:
+    for claim in reversed(claims):
         entry, author, _ = claim
+        if entry.value is not None:
+            yield from _whole(part, claim, names, span)
         for subscripts, piece in entry.parts:
             yield _entry(part, subscripts, piece, author, names)
-        if entry.value is not None:
-            value = claimed_value(claim)
-            if kind_of(value) != "number" or (shape_of(value) and shape_of(value) != part.shape):
-                raise Fault(
-                    NO_PARAMETER,
-                    f"`{part.name}` is {shown_shape(part.shape)}, its new value {shown_shape(shape_of(value)) if kind_of(value) == 'number' else 'no number'}",
-                    span,
-                    "",
-                    others=[(part.origin.span, "declared here")],
-                )
-            _check_constant(value, span)
-            yield from zip(names, spread(value, part.shape, span, part.name) or (), strict=True)
+
+
+def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span) -> Iterator[tuple[str, Expr]]:
+    value = claimed_value(claim)
+    if kind_of(value) != "number" or (shape_of(value) and shape_of(value) != part.shape):
+        what = shown_shape(shape_of(value)) if kind_of(value) == "number" else "no number"
+        raise Fault(
+            NO_PARAMETER, f"`{part.name}` is {shown_shape(part.shape)}, its new value {what}", span, what, others=[(part.origin.span, "declared here")]
+        )
+    _check_constant(value, span)
+    yield from zip(names, spread(value, part.shape, span, part.name) or (), strict=True)
 
 
 def _entry(

@@ -9,7 +9,9 @@ Reports      BG216 which model, BG299 nested too deep; the neighbours (`names`, 
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -61,9 +63,22 @@ def flatten(library: Library, model: str | None, report: Reporter, *, overrides:
         names.file_scope(module)
     node = choose_model(library, model, report)
     try:
-        return _flatten(library, node, names, report, dict(overrides or {}))
+        with _without_collection():
+            return _flatten(library, node, names, report, dict(overrides or {}))
     except RecursionError:
         report.fail(TOO_DEEP, "an expression or a chain of models is nested too deep", _head(node.span), "in this model")
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Nothing made here is garbage before the end; searching for cycles in it would take longer than making it."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Model:

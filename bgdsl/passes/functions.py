@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bgdsl.diagnostics import Code
-from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, param, unary, var
+from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, param, topological, unary, var
 from bgdsl.ir.graph import Origin, SignalEquation, scalar_names
 from bgdsl.passes.parts import Build, Context, Fault, Value, array_of, entries, leaves_of, shape_of, shown_shape
 from bgdsl.passes.values import diagonal, elementwise, full, identity, kind_of, matmul
@@ -235,7 +235,8 @@ def _is_diagonal(a: np.ndarray[Any, Any]) -> bool:
 
 
 def solve(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any], span: Span, context: Context) -> Value:
-    """inv(a) b: by formula up to three rows, else through auxiliary unknowns that the equations solve with pivoting."""
+    """inv(a) b: by formula up to three rows or where only parameters are read, else through auxiliary unknowns that the equations
+    solve with pivoting."""
     n = len(a)
     if _is_diagonal(a):
         return array_of([b[i] / a[i, i] for i in range(n)], (n,))
@@ -243,6 +244,8 @@ def solve(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any], span: Span, context:
         whole = determinant(a)
         return array_of([entry / whole for entry in matmul(adjugate(a), b)], (n,))
     build: Build = context.build
+    if not any(leaf.op in ("var", "time") for leaf in topological((*a.flat, *b.flat))):
+        return _eliminate(a, b, span, build)
     name = f"solve#{len(build.solved) + 1}"
     origin = Origin(context.path, span)
     build.solved.append((name, n, origin))
@@ -250,6 +253,30 @@ def solve(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any], span: Span, context:
     for left, right in zip(matmul(a, x), b, strict=True):
         build.extra.append(SignalEquation(left, right, origin))
     return x
+
+
+def _eliminate(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any], span: Span, build: Build) -> Value:
+    """inv(a) b for parameters, as formulas: Gaussian elimination, with the pivots that the parameters' defaults choose."""
+    n = len(a)
+    rows = [[*a[i], b[i]] for i in range(n)]
+    numbers = np.array([[build.number(entry, span, structural=False) for entry in row] for row in rows])
+    scale = float(np.max(np.abs(numbers[:, :n]))) or 1.0
+    for k in range(n):
+        best = k + int(np.argmax(np.abs(numbers[k:, k])))
+        if abs(numbers[best, k]) <= 1e-14 * scale:
+            raise wrong("the matrix of `solve` is singular", span)
+        rows[k], rows[best] = rows[best], rows[k]
+        numbers[[k, best]] = numbers[[best, k]]
+        for i in range(k + 1, n):
+            if rows[i][k].is_zero:
+                continue
+            factor = rows[i][k] / rows[k][k]
+            rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+            numbers[i] -= numbers[i, k] / numbers[k, k] * numbers[k]
+    x: list[Expr] = [ZERO] * n
+    for k in reversed(range(n)):
+        x[k] = (rows[k][n] - add(rows[k][j] * x[j] for j in range(k + 1, n))) / rows[k][k]
+    return array_of(x, (n,))
 
 
 def _solve(args: Arguments, span: Span, context: Context) -> Value:

@@ -215,14 +215,14 @@ class Machine:
         """Whether these tokens could come next, one after the other."""
         return self.takes(self.states[:], *kinds)
 
-    def takes(self, states: list[int], *kinds: str) -> bool:
-        """Whether a stack of these states could take these tokens; the list is used up."""
-        return all(self._shift(states, kind) for kind in kinds)
+    def takes(self, states: list[int], *kinds: str, soft: bool = True) -> bool:
+        """Whether a stack of these states could take these tokens (not `soft`: keywords as keywords); the list is used up."""
+        return all(self._shift(states, kind, soft) for kind in kinds)
 
-    def _shift(self, states: list[int], kind: str) -> bool:
+    def _shift(self, states: list[int], kind: str, soft: bool) -> bool:
         table, rules = self.table.states, self.table.rules
         while True:
-            action = self.action(states[-1], kind)
+            action = self.action(states[-1], kind) if soft else table[states[-1]].get(kind)
             if action is None:
                 return False
             if action >= 0:

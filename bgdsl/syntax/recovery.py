@@ -30,6 +30,7 @@ CONTAINERS = ("statement", "algorithm_statement", "test_statement", "item", "dec
 
 DEFINERS = frozenset(["MODEL", "ELEMENT", "FUNCTION", "DOMAIN", "TYPE", "TEST", "IMPORT"])
 DECLARERS = frozenset(["PARAMETER", "CONSTANT", "INPUT", "OUTPUT", "OPEN", "PORT", "EXPERIMENT", "EXTENDS"])
+BUILT_IN_TYPES = ("Real", "Integer", "Boolean", "String", "Table")
 CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]"), "LBRACE": ("RBRACE", "}")}
 OPENING = {closing: opening for opening, (closing, _) in CLOSING.items()}
 
@@ -73,6 +74,7 @@ class Recovery:
         self.relexed = 0
         self.closed_at = -1
         self.stuck = (-1, 0)
+        self.said: set[tuple[str, int]] = set()
 
     def __call__(self, machine: Machine) -> bool:
         """Go on after an error; False when there is no use in going on."""
@@ -332,7 +334,7 @@ class Recovery:
     def wrong_end(self, machine: Machine) -> bool | None:
         """The word after `end` does not fit what is open."""
         symbols = machine.symbols()
-        if not symbols or symbols[-1] != "END":
+        if not symbols or symbols[-1] != "END" or (new_line(machine) and machine.accepts("SEMICOLON")):
             return None
         kind, text, start = machine.token
         end = Span(machine.source, machine.begins[-1], start + len(text))
@@ -409,7 +411,7 @@ class Recovery:
         kind = machine.token[0]
         if open_bracket(machine) or kind in ("SEMICOLON", "$END") or not machine.accepts("SEMICOLON", kind):
             return None
-        if not new_line(machine) and kind not in ("END", "EQUATION", "INITIAL_EQUATION") and not looks_new(machine):
+        if not new_line(machine) and kind not in ("END", "EQUATION", "INITIAL_EQUATION", "ALGORITHM") and not looks_new(machine):
             return None
         self.add(
             errors.MISSING_SEMICOLON,
@@ -431,6 +433,27 @@ class Recovery:
         machine.replace("NAME", text)
         return True
 
+    def missing_section(self, machine: Machine) -> bool | None:
+        """A bond or an equation among the declarations: the word `equation` is missing before it."""
+        where = statement_start(machine)
+        text = machine.token[1]
+        if where is None or container(machine, where[0]) != "item" or machine.pending or open_bracket(machine):
+            return None
+        plain = machine.tokens.kinds[where[1]] == "NAME" and machine.expected() <= {"NAME", "DOT", "LSQB"}
+        first_word = machine.tokens.texts[where[1]]
+        nameless = (text == "(" and first_word not in ("der", "assert")) or (text == "=" and first_word in BUILT_IN_TYPES)
+        if not plain or nameless or text not in (*errors.SIGNS_OF_BONDS, "=", "(", ":"):
+            return None
+        what = "bonds" if text in (*errors.SIGNS_OF_BONDS, ":") else "equations"
+        span = token_span(machine)
+        machine.rewind(*where)
+        section = ("EQUATION", "equation", machine.token[2])
+        first = Span(machine.source, machine.token[2], span.end)
+        self.add(errors.UNEXPECTED, f"{what} stand in the `equation` section", first, "this stands among the declarations",
+                 helps=["write `equation` before the first of them"])  # fmt: skip
+        machine.insert(section)
+        return True
+
     # ---------------------------------------------------------------------------------------------------- anything else
 
     def general(self, machine: Machine) -> None:
@@ -438,6 +461,12 @@ class Recovery:
         said = errors.wanted(machine.expected(), machine.table.shown)
         found = errors.found(kind, text)
         cause = usual_cause(machine)
+        if cause and cause.startswith("declarations"):  # say it once for each section
+            where = statement_start(machine)
+            key = cause, machine.begins[where[0] - 1] if where else 0
+            if key in self.said:
+                return
+            self.said.add(key)
         if cause:
             self.add(errors.UNEXPECTED, cause, token_span(machine), f"{found} is not expected here", notes=[f"expected {said}"])
         else:
@@ -456,6 +485,7 @@ REPAIRS: tuple[Repair, ...] = (
     Recovery.missing_word,
     Recovery.brackets,
     Recovery.missing_end,
+    Recovery.missing_section,
     Recovery.missing_semicolon,
     Recovery.reserved_name,
 )
@@ -699,7 +729,7 @@ def resume(machine: Machine, *, inner_only: bool) -> bool:
         if symbol is None:
             continue
         probe = [*machine.states[: height + 1], machine.table.states[machine.states[height]][symbol]]
-        if machine.takes(probe, *follow):
+        if machine.takes(probe, *follow, soft=kind not in DEFINERS):
             machine.cut(height)
             machine.push(symbol, None, start)
             return True

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import Expr
+from bgdsl.ir.domains import GENERIC
 from bgdsl.ir.graph import Bond, End, Origin
 from bgdsl.passes.elaborate import position, unknown_name
 from bgdsl.passes.parts import (
@@ -458,6 +459,7 @@ def _fused(build: Build, chain: Chain, positions: list[list[int]], used: set[str
         tuple(raw.origin for raw in chain),
         tuple(raw.name for raw in chain if raw.name != name) if len(chain) > 1 else (),
         stroke,
+        declared=tuple((raw.tail[0].domain, raw.tail[0].origin) for raw in chain[1:] if raw.tail[0].domain != GENERIC),
     )
 
 

@@ -169,7 +169,7 @@ def _our_names() -> tuple[str, ...]:
     for i in range(1, 7):
         names += [f"cyl[{i}].{joint}.spring.q[{k}]" for joint in ("crank_pin", "wrist_pin") for k in (1, 2, 3)]
         names += [f"cyl[{i}].twist.spring.q[1]"]
-        names += [f"bore[{i}].tilt.spring.q[{k}]" for k in (1, 2, 3)] + [f"bore[{i}].side.spring.q[{k}]" for k in (1, 2)]
+        names += [f"bore[{i}].turn.spring.q[{k}]" for k in (1, 2, 3)] + [f"bore[{i}].across.spring.q[{k}]" for k in (1, 2)]
         names += [f"bore[{i}].d"]
     return tuple(names)
 

@@ -20,7 +20,7 @@ from bgdsl.backends.native.numbers import literal
 from bgdsl.backends.native.tables import table_text
 from bgdsl.backends.tape import PARAMETRIC, RELATIONS, LinearSolve, NewtonSolve, Tape
 
-CHUNK = 250
+CHUNK = 400
 """Operands in one function, about."""
 
 INFO, WARM, FIRST = 0, 1, 2
@@ -168,14 +168,13 @@ class _Emitter:
 
     def main(self, lines: Sequence[str]) -> str:
         """`f` itself: fetch the arrays, clear the matrices, run the parts, copy the roots that are constants."""
-        pointers = (
-            ("info", INFO),
-            ("warm", WARM),
-            ("c", FIRST + 3 * self.slot),
-            ("w", FIRST + 3 * self.slot + 1),
-            ("f", FIRST + 3 * self.slot + 2),
-        )
-        head = ["define i32 @f(double %t, ptr %x, ptr %u, ptr %o, ptr %context) #0 {", "entry:"]
+        own = FIRST + POINTERS * self.slot
+        result = "o" if self.elimination is None else "result"
+        pointers = [("info", INFO), ("warm", WARM), ("c", own), ("w", own + 1), ("f", own + 2)]
+        if self.elimination is not None:
+            pointers += (("o", own + 3), ("plan", own + 4))
+            lines = (*lines, *self.eliminate(self.elimination))
+        head = [f"define i32 @f(double %t, ptr %x, ptr %u, ptr %{result}, ptr %context) #0 {{", "entry:"]
         for name, place in pointers:
             head += (f"%{name}_at = getelementptr inbounds ptr, ptr %context, i64 {place}", f"%{name} = load ptr, ptr %{name}_at, align 8")
         start, end = self.layout.matrices

@@ -15,9 +15,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import ONE, ZERO, Expr, rewrite, var
+from bgdsl.expr import ONE, ZERO, Expr, leaves, rewrite, var
 from bgdsl.ir.elements import component
-from bgdsl.ir.graph import BondGraph, Origin
+from bgdsl.ir.graph import BondGraph, Origin, Parameter
 from bgdsl.ir.program import Assign, Program, Record, SolveLinear, SolveNewton, Step, needed
 from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, derivative_name
 from bgdsl.passes.differentiate import Gradient, gradients, jacobian
@@ -42,7 +42,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         model=graph.model,
         comment=graph.comment,
         digest=_digest(graph),
-        parameters=graph.parameters,
+        parameters=_in_order(graph.parameters),
         tables=graph.tables,
         states=tuple(Record(s.name, s.unit, s.comment) for s in system.states),
         starts=_starts(sorted_system),
@@ -62,6 +62,25 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         experiments=graph.experiments,
         sizes=_sizes(sorted_system, steps),
     )
+
+
+def _in_order(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """The parameters, each behind those that its values read; else in the order declared."""
+    owners = {name: parameter for parameter in parameters for name in parameter.scalars()}
+    done: dict[str, Parameter] = {}
+    begun: set[str] = set()
+    for parameter in parameters:
+        stack = [(parameter, False)]
+        while stack:
+            current, ready = stack.pop()
+            if ready:
+                done[current.name] = current
+            if current.name in begun:
+                continue
+            begun.add(current.name)
+            read = [owners[leaf.data] for leaf in leaves(current.values, "param")]
+            stack += [(current, True), *((other, False) for other in reversed(read))]
+    return tuple(done.values())
 
 
 def _lower_blocks(sorted_system: SortedSystem, known: dict[Expr, Expr], report: Reporter) -> list[Step]:

@@ -25,7 +25,7 @@ from bgdsl.ir.system import SortedSystem
 from bgdsl.passes.causality import assign_causality
 from bgdsl.passes.domains import check_domains
 from bgdsl.passes.equations import derive_equations
-from bgdsl.passes.flatten import flatten
+from bgdsl.passes.flatten import flatten, is_part
 from bgdsl.passes.lower import lower
 from bgdsl.passes.modules import load_modules
 from bgdsl.passes.reduce_index import reduce_index
@@ -158,9 +158,9 @@ class Model:
 
     def module_text(self) -> str:
         """The model as a standalone NumPy module."""
-        from bgdsl.backends.numpy import write_module
+        from bgdsl.backends.numpy.module import write_module
 
-        return write_module(self.program)
+        return write_module(self.program, source_name=Path(self.graph.sources[0].name).name)
 
     def compile(self) -> System:
         """The model with its machine code (compiled when first run)."""
@@ -207,7 +207,7 @@ class System:
 
     @cached_property
     def native(self) -> NativeModel:
-        from bgdsl.backends.native import build
+        from bgdsl.backends.native.model import build
 
         return build(self.program)
 
@@ -308,7 +308,10 @@ def check_source(
     for name in names or [None]:
         own = Reporter()
         try:
-            instantiate(library, name, overrides or {}, own).check()
+            if name is not None and not overrides and is_part(library, name):
+                check_units(check_domains(flatten(library, name, own, part=True), own), own)
+            else:
+                instantiate(library, name, overrides or {}, own).check()
         except BgError as error:
             own.diagnostics += error.diagnostics
         report.diagnostics += own.diagnostics
@@ -357,4 +360,4 @@ class Reference:
 
 def is_generated_module(text: str) -> bool:
     """Whether a text is a module that this tool generated."""
-    return "bgdsl" in text.partition("\n")[0] or '\nTOOL = "bgdsl' in text
+    return "\n# tool    bgdsl" in text

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from bgdsl.expr import to_text
-from bgdsl.ir.program import Assign, SolveLinear, SolveNewton, Step
-from bgdsl.passes.causality import strokes_text
+from bgdsl.ir.program import Assign, SolveLinear, SolveNewton, Step, defined
+from bgdsl.passes.strokes import strokes_text
 from bgdsl.pipeline import Model
 
 
@@ -34,13 +34,14 @@ def bonds(model: Model) -> list[str]:
 
 def causality(model: Model) -> list[str]:
     """The bonds with their strokes, then what causality found: dependent storages, constraints, loops."""
-    return strokes_text(model.causal)
+    return strokes_text(model.causal).splitlines()
 
 
 def equations(model: Model) -> list[str]:
     """The sorted equations, in evaluation order, each with its place."""
     program = model.program
-    lines = [line for step in program.steps for line in _step(step)]
+    last = {f"der({record.name})" for record in program.states}
+    lines = [line for step in program.steps if not last & set(defined(step)) for line in _step(step)]
     for record, value, origin in zip(program.states, program.derivatives, program.derivative_origins, strict=True):
         lines.append(_placed(f"der({record.name}) = {to_text(value)}", origin.span.place))
     return lines

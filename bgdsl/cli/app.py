@@ -7,12 +7,14 @@ import traceback
 from collections.abc import Sequence
 from typing import Annotated
 
-import click
 import typer
 
 from bgdsl import __version__
 from bgdsl.cli import console
 from bgdsl.diagnostics import BgError
+
+# typer carries its own click in newer releases and the package in older ones: the base of its errors is found through it
+UsageProblem: type[typer.BadParameter] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
 app = typer.Typer(
     name="bgc",
@@ -40,7 +42,7 @@ def options(
 
 def run(arguments: Sequence[str]) -> int:
     """Carry out a command line and return its exit status."""
-    from bgdsl.cli import front, reduce, run, tests  # noqa: F401  (their import registers the commands)
+    from bgdsl.cli import front, run, tests  # noqa: F401  (their import registers the commands)
 
     console.debug = False
     arguments = list(arguments)
@@ -52,12 +54,13 @@ def run(arguments: Sequence[str]) -> int:
         return result if isinstance(result, int) else 0
     except BgError as error:
         console.diagnostics(error.diagnostics)
-    except click.exceptions.Exit as stop:
+    except typer.Exit as stop:
         return stop.exit_code
-    except click.ClickException as error:
+    except UsageProblem as error:
         error.show(sys.stderr)
-        return 2
-    except (KeyboardInterrupt, click.Abort):
+    except console.RefusedError as error:
+        console.message(f"error: {error}")
+    except (KeyboardInterrupt, typer.Abort):
         console.message("stopped")
     except OSError as error:
         console.message(f"error: {error.strerror or error}: {error.filename}" if error.filename else f"error: {error}")

@@ -18,6 +18,10 @@ as_json = False
 """Set while a command runs with `--format json`: diagnostics are JSON too."""
 
 
+class RefusedError(Exception):
+    """What was asked for is not done; the message says why."""
+
+
 def colour(stream: Any) -> bool:
     """Whether to write colours to the stream: a terminal, and NO_COLOR not set."""
     return bool(stream.isatty()) and "NO_COLOR" not in os.environ

@@ -7,13 +7,13 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import click
+from bgdsl.cli.console import RefusedError
 
 
 def write(path: Path, text: str, *, ours: Callable[[str], bool], force: bool) -> None:
     """Put `text` at `path` by renaming a temporary file. An existing file is replaced where `ours` recognises its text, or with `force`."""
     if path.exists() and not force and not ours(_start(path)):
-        raise click.ClickException(f"{path} exists and was not written by this command; --force replaces it")
+        raise RefusedError(f"{path} exists and was not written by this command; --force replaces it")
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -31,7 +31,7 @@ def _start(path: Path) -> str:
         with path.open(encoding="utf-8", errors="replace") as file:
             return file.read(65536)
     except OSError as error:
-        raise click.ClickException(f"{path} cannot be read: {error.strerror}") from error
+        raise RefusedError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def _umask() -> int:

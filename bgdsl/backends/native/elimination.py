@@ -39,8 +39,12 @@ COPY, SUBTRACT, SOLVE, DONE = range(4)
 
 @dataclass(slots=True)
 class Elimination:
-    """pointers, rows: the pattern in compressed columns. The result is at `start` of an array of `size` numbers."""
+    """pointers, rows: the pattern in compressed columns. The result is at `start` of an array of `size` numbers.
 
+    blocks: how many there are; with none there is nothing to do but to take the entries column by column.
+    """
+
+    blocks: int
     pointers: Ints
     rows: Ints
     plan: Ints
@@ -84,7 +88,7 @@ class _Planner:
         for block in self.blocks:
             block.matrix, block.slope = size, size + factor_size(block.size)
             size = block.slope + block.size * len(block.columns)
-        plan = [*self.copies(positions)]
+        plan = [*self.copies(positions)] if self.blocks else []
         for b, block in enumerate(self.blocks):
             plan += self.solve(b, block)
         for e, (i, j, _) in enumerate(self.entries):
@@ -92,7 +96,7 @@ class _Planner:
                 block = self.blocks[self.owner[j]]
                 targets = [positions[i, column] for column in block.columns]
                 plan += self.subtract(e, block, j, targets)
-        return Elimination(pointers, rows, np.array([*plan, DONE], dtype=np.int32), len(self.entries), size)
+        return Elimination(len(self.blocks), pointers, rows, np.array([*plan, DONE], dtype=np.int32), len(self.entries), size)
 
     def find_columns(self) -> None:
         for b, block in enumerate(self.blocks):

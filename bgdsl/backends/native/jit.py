@@ -21,6 +21,11 @@ _RUNTIME = ("bg_factor", "bg_substitute", "bg_newton", "bg_eliminate")
 
 @cache
 def _machine(level: int) -> TargetMachine:
+    """The one to compile with at this level."""
+    return _new_machine(level)
+
+
+def _new_machine(level: int) -> TargetMachine:
     """The processor we run on, as a target of LLVM; level 0 compiles fast, 1 and more make fast code."""
     import llvmlite.binding as llvm
 
@@ -85,9 +90,8 @@ class Loaded:
     def __init__(self, content: bytes) -> None:
         import llvmlite.binding as llvm
 
-        machine = _machine(1)
         _bind_maths()
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _new_machine(1))  # which the engine will own
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(content))
         self._engine.finalize_object()
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *(ctypes.c_void_p,) * 4)
 _CAPACITY = 1 << 15
-LARGE = 60_000
+LARGE = 40_000
 """Operations beyond which right sides are compiled without optimisation too."""
 
 
@@ -152,7 +152,10 @@ class NativeModel:
     def jacobian(self) -> NativeKernel:
         """The values of d(rhs)/dx in the order of `pattern`."""
         entries = self.program.jacobian.matrix.entries
-        return self._compile([value for _, _, value in entries], slot=1, level=0, elimination=self._elimination)
+        elimination = self._elimination
+        if not elimination.blocks:
+            return self._compile([value for _, _, value in sorted(entries, key=_column_first)], slot=1, level=0)
+        return self._compile([value for _, _, value in entries], slot=1, level=0, elimination=elimination)
 
     @cached_property
     def _elimination(self) -> Elimination:
@@ -175,3 +178,7 @@ class NativeModel:
         kernel.set_parameters(self._values)
         self._kernels.append(kernel)
         return kernel
+
+
+def _column_first(entry: tuple[int, int, Expr]) -> tuple[int, int]:
+    return entry[1], entry[0]

@@ -128,6 +128,7 @@ class NativeModel:
         self._context[INFO] = self._info.ctypes.data
         self._context[WARM] = self._warm.ctypes.data
         self._kernels: list[NativeKernel] = []
+        self._evaluators: dict[tuple[Expr, ...], NativeKernel] = {}
         self._values: list[float] = parameter_values(program)
 
     @property
@@ -167,8 +168,11 @@ class NativeModel:
         return self._elimination.pointers, self._elimination.rows
 
     def evaluator(self, expressions: Sequence[Expr]) -> NativeKernel:
-        """A kernel for these expressions; each call of this method makes a new one."""
-        return self._compile(tuple(expressions), slot=2 + len(self._kernels))
+        """A kernel for these expressions; the same ones are compiled once."""
+        wanted = tuple(expressions)
+        if wanted not in self._evaluators:
+            self._evaluators[wanted] = self._compile(wanted, slot=2 + len(self._kernels))
+        return self._evaluators[wanted]
 
     def _compile(self, roots: Sequence[Expr], *, slot: int, level: int = 1, elimination: Elimination | None = None) -> NativeKernel:
         tape = linearise(self._meaning, self.program.tables, roots)

@@ -86,7 +86,7 @@ class CompiledModel(Protocol):
 
 def parameter_names(program: Program) -> tuple[str, ...]:
     """The scalar names of all parameters and constants in order, arrays row-major: the order of `set_parameters`."""
-    return tuple(name for parameter in program.parameters for name in parameter.scalars())
+    return tuple(name for p in program.parameters for name in (p.scalars() if p.shape else (p.name,)))
 
 
 __all__ = ["CompiledModel", "Kernel", "parameter_names"]

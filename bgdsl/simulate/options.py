@@ -186,8 +186,9 @@ def parameter_values(program: Program, chosen: Experiment | None, changes: Mappi
     formulas: dict[str, Expr | float] = {}
     owner: dict[str, Parameter] = {}
     for parameter in program.parameters:
-        for name, default in zip(parameter.scalars(), parameter.values, strict=True):
-            formulas[name] = default
+        names = parameter.scalars() if parameter.shape else (parameter.name,)
+        for name, default in zip(names, parameter.values, strict=True):
+            formulas[name] = default.data if default.op == "const" else default
             owner[name] = parameter
     changed = _changed(program, chosen, changes, owner, report)
     report.stop_if_errors()
@@ -197,7 +198,7 @@ def parameter_values(program: Program, chosen: Experiment | None, changes: Mappi
     _check_structural(program, changed, values, owner, report)
     _check_bounds(program, values, report)
     report.stop_if_errors()
-    return {name: values[name] for name in parameter_names(program)}
+    return {name: values[name] for name in owner}
 
 
 def _changed(
@@ -264,7 +265,10 @@ def _evaluated(formulas: Mapping[str, Expr | float], owner: Mapping[str, Paramet
     """The formulas' values, each after those that it reads; a circle among changed ones is reported."""
     values: dict[str, float] = {}
     open_: set[str] = set()
-    for root in formulas:
+    for root, known in formulas.items():
+        if isinstance(known, float):
+            values[root] = known
+            continue
         stack = [root]
         while stack:
             name = stack[-1]
@@ -274,6 +278,9 @@ def _evaluated(formulas: Mapping[str, Expr | float], owner: Mapping[str, Paramet
                 continue
             if isinstance(formula, float):
                 values[name] = formula
+                continue
+            if formula.op == "param" and formula.data in values:
+                values[name] = values[formula.data]
                 continue
             missing = [leaf.data for leaf in leaves((formula,), "param") if leaf.data not in values]
             if missing and name in open_:
@@ -315,6 +322,13 @@ def _check_structural(
 
 def _check_bounds(program: Program, values: Mapping[str, float], report: Reporter) -> None:
     for parameter in program.parameters:
+        if (
+            parameter.low is parameter.high is None
+            and not parameter.integer
+            and not parameter.shape
+            and math.isfinite(values[parameter.name])
+        ):
+            continue
         for i, name in enumerate(parameter.scalars()):
             value = values[name]
             if not math.isfinite(value):

@@ -64,7 +64,9 @@ def connect(chain: ast.BondChain, context: Context) -> None:
     instance = context.instance
     assert instance is not None
     if instance.cls.is_element:
-        raise Fault(NO_END, "an element has equations between its ports, no bonds", chain.span, "not in an element", helps=("make it a `model`",))
+        raise Fault(
+            NO_END, "an element has equations between its ports, no bonds", chain.span, "not in an element", helps=("make it a `model`",)
+        )
     count = 0
     for i, arrow in enumerate(chain.arrows):
         for tail in chain.ends[i]:
@@ -72,7 +74,13 @@ def connect(chain: ast.BondChain, context: Context) -> None:
                 _connect_one(tail, head, arrow, chain, context, (i, k))
                 count += 1
     if chain.name is not None and count > 1:
-        raise Fault(BOND_NAME, f"`{chain.name}` names {count} bonds", chain.span, "one name for one bond", helps=("write them as separate statements",))
+        raise Fault(
+            BOND_NAME,
+            f"`{chain.name}` names {count} bonds",
+            chain.span,
+            "one name for one bond",
+            helps=("write them as separate statements",),
+        )
 
 
 def _connect_one(
@@ -85,7 +93,9 @@ def _connect_one(
         return
     ends = (_end(start, "tail", tail, context), _end(stop, "head", head, context))
     size = _common_size(ends[0][3], ends[1][3], tail, head, arrow)
-    origin = Origin(instance.path, tail.span.to(head.span) if len(chain.arrows) > 1 or len(chain.ends[-1]) > 1 else chain.span, link, _turn(context))
+    origin = Origin(
+        instance.path, tail.span.to(head.span) if len(chain.arrows) > 1 or len(chain.ends[-1]) > 1 else chain.span, link, _turn(context)
+    )
     raw = RawBond(chain.name or "", size, ends[0][:3], ends[1][:3], arrow.stroke, origin)
     _join(raw, raw.tail, "tail", tail)
     _join(raw, raw.head, "head", head)
@@ -96,7 +106,7 @@ def _connect_one(
 def _turn(context: Context) -> tuple[int, ...]:
     """The values of the iterators around a statement, outermost first."""
     values = context.locals.values() if context.locals else ()
-    return tuple(int(value.data if isinstance(value, Expr) else value) for value in values)
+    return tuple(int(value.data) if isinstance(value, Expr) and value.is_const else 0 for value in values)
 
 
 def _name(raw: RawBond, instance: Instance, chain: ast.BondChain, made: str) -> None:
@@ -169,7 +179,11 @@ def _item(
     if len(subscripts) < n:
         sizes = " x ".join(map(str, part.shape))
         raise Fault(
-            NO_END, f"`{step.name}` is an array of {sizes}", step.span, "say which one", helps=(f"write `{step.name}[1]`, or a `for` loop over them",)
+            NO_END,
+            f"`{step.name}` is an array of {sizes}",
+            step.span,
+            "say which one",
+            helps=(f"write `{step.name}[1]`, or a `for` loop over them",),
         )
     spot = 0
     for subscript, size in zip(subscripts, part.shape, strict=False):
@@ -381,7 +395,12 @@ def _second(reference: ast.Reference, old: RawBond, what: str, size: int | None,
     where = f"component {c + 1} of " if size is not None else ""
     helps = ("bond it to a junction, and the others to that junction",)
     return Fault(
-        TWICE, f"{where}`{reference.text}` has a bond already", reference.span, f"a second bond on a {what}", others=[(old.origin.span, "the first")], helps=helps
+        TWICE,
+        f"{where}`{reference.text}` has a bond already",
+        reference.span,
+        f"a second bond on a {what}",
+        others=[(old.origin.span, "the first")],
+        helps=helps,
     )
 
 
@@ -501,7 +520,8 @@ def check_connected(build: Build, root: Instance) -> None:
             case PortPart() if not owner.cls.is_element:
                 _check_side(build, part, part.inside, "inside", part.origin)
                 if owner is root:
-                    _root_port(build, part, owner)
+                    if not build.part:
+                        _root_port(build, part, owner)
                 else:
                     _check_side(build, part, part.outside, "outside", owner.declared or part.origin)
             case PortPart():
@@ -527,7 +547,13 @@ def _check_element(build: Build, part: ElementPart) -> None:
             example = f"... -> {part.member.name};" if part.kind.inward else f"{part.member.name} -> ...;"
             if part.kind.ports == 2:
                 example = f"... -> {part.member.name} -> ...;"
-            _missing(build, f"{_components(missing, size)}{where}{kind} `{part.name}` has no bond", part.origin, "not joined", helps=(f"write `{example}`",))
+            _missing(
+                build,
+                f"{_components(missing, size)}{where}{kind} `{part.name}` has no bond",
+                part.origin,
+                "not joined",
+                helps=(f"write `{example}`",),
+            )
 
 
 def _check_side(build: Build, part: PortPart, side: dict[int, Any], where: str, origin: Origin) -> None:

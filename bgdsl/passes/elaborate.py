@@ -320,7 +320,9 @@ def read(part: Any, node: ast.Reference, i: int, context: Context) -> Value:
     if isinstance(part, Broken):
         raise Reported
     if isinstance(part, Unfinished):
-        raise Fault(CYCLE, f"`{part.name}` depends on itself", part.span, "its size or condition needs itself", others=[(node.span, "by this")])
+        raise Fault(
+            CYCLE, f"`{part.name}` depends on itself", part.span, "its size or condition needs itself", others=[(node.span, "by this")]
+        )
     if isinstance(part, Absent):
         raise Fault(
             ABSENT,
@@ -342,9 +344,7 @@ def _read_array(part: ArrayPart, node: ast.Reference, i: int, context: Context) 
     step = node.parts[i]
     subscripts = step.subscripts
     n = len(part.shape)
-    chosen = [
-        position(subscripts[k], size, context) if k < len(subscripts) else list(range(size)) for k, size in enumerate(part.shape)
-    ]
+    chosen = [position(subscripts[k], size, context) if k < len(subscripts) else list(range(size)) for k, size in enumerate(part.shape)]
     inner = replace(node, parts=(*node.parts[:i], replace(step, subscripts=subscripts[n:]), *node.parts[i + 1 :]))
     if all(isinstance(where, int) for where in chosen):
         return read(part.items[int(np.ravel_multi_index(chosen, part.shape))], inner, i, context)  # type: ignore[arg-type]
@@ -548,9 +548,7 @@ def _inline(definition: ast.ShortFunction | ast.LongFunction, node: ast.Call, in
         mapped = _mapped_shape(inputs, arguments)
         if mapped is None:
             return _run(definition, inputs, arguments, node, inner)
-        columns = {
-            name: value.flat if shape_of(value) == mapped else [value] * int(np.prod(mapped)) for name, value in arguments.items()
-        }
+        columns = {name: value.flat if shape_of(value) == mapped else [value] * int(np.prod(mapped)) for name, value in arguments.items()}
         rows = [_run(definition, inputs, dict(zip(columns, row, strict=True)), node, inner) for row in zip(*columns.values(), strict=True)]
         return array_of(rows, mapped)
     finally:
@@ -600,7 +598,11 @@ def _mapped_shape(inputs: Sequence[ast.Declarator], arguments: dict[str, Value])
 
 
 def _run(
-    definition: ast.ShortFunction | ast.LongFunction, inputs: Sequence[ast.Declarator], arguments: dict[str, Value], node: ast.Call, inner: Context
+    definition: ast.ShortFunction | ast.LongFunction,
+    inputs: Sequence[ast.Declarator],
+    arguments: dict[str, Value],
+    node: ast.Call,
+    inner: Context,
 ) -> Value:
     names: dict[str, Value] = {}
     context = Context(inner.build, None, inner.scope, names)
@@ -620,7 +622,13 @@ def _run(
                 outputs.append(item)
     _execute(definition.algorithm, names, context)
     if not outputs:
-        raise Fault(ARGUMENTS, f"function `{definition.name}` has no output", definition.span, "nothing to return", helps=("declare `output Real y;`",))
+        raise Fault(
+            ARGUMENTS,
+            f"function `{definition.name}` has no output",
+            definition.span,
+            "nothing to return",
+            helps=("declare `output Real y;`",),
+        )
     result = names[outputs[0].name]
     if result is None or any(entry is None for entry in entries(result)):
         raise Fault(ARGUMENTS, f"`{definition.name}` never assigns all of `{outputs[0].name}`", outputs[0].span, "not assigned")
@@ -667,9 +675,7 @@ def _assigned(old: Value, step: ast.Part, value: Value, statement: ast.Assign, c
     shape = shape_of(old)
     if len(step.subscripts) > len(shape):
         raise Fault(INDEX, f"{len(step.subscripts)} subscripts on {_describe(old)}", step.span, "")
-    axes = [
-        position(step.subscripts[k], size, context) if k < len(step.subscripts) else list(range(size)) for k, size in enumerate(shape)
-    ]
+    axes = [position(step.subscripts[k], size, context) if k < len(step.subscripts) else list(range(size)) for k, size in enumerate(shape)]
     target = tuple(len(axis) for axis in axes if not isinstance(axis, int))
     if shape_of(value) != target:
         raise Fault(MISFIT, f"{_describe(value)} is assigned to {shown_shape(target)}", statement.span, "")

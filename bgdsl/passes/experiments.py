@@ -142,7 +142,9 @@ def _method(run: _Run) -> str | None:
 
 def _window(run: _Run) -> tuple[float, float] | None:
     if "startTime" in run.settings and run.settings["startTime"][0] != 0.0:
-        raise Fault(SETTING, "runs start at time 0", run.settings["startTime"][1], "", helps=("use `window = {t1, t2}` for what is measured",))
+        raise Fault(
+            SETTING, "runs start at time 0", run.settings["startTime"][1], "", helps=("use `window = {t1, t2}` for what is measured",)
+        )
     if "window" not in run.settings:
         return None
     value, span = run.settings["window"]
@@ -160,9 +162,7 @@ def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterat
     part = instance.part(name)
     if part is None:
         known = [*instance.cls.members, *(SETTINGS if not instance.path else ())]
-        raise Fault(
-            UNKNOWN_TARGET, f"`{instance.cls.name}` has no `{name}`", span, "nothing to change", helps=did_you_mean(name, known)
-        )
+        raise Fault(UNKNOWN_TARGET, f"`{instance.cls.name}` has no `{name}`", span, "nothing to change", helps=did_you_mean(name, known))
     yield from _of_part(part, claims, span)
 
 
@@ -175,7 +175,11 @@ def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple
         case Instance():
             names = list(dict.fromkeys(name for entry, _, _ in claims for name in entry.nested))
             for name in names:
-                found = tuple((entry.nested[name], author, () if entry.nested[name].each else index) for entry, author, index in claims if name in entry.nested)
+                found = tuple(
+                    (entry.nested[name], author, () if entry.nested[name].each else index)
+                    for entry, author, index in claims
+                    if name in entry.nested
+                )
                 yield from _changes(part, name, found)
         case ElementPart():
             yield from _of_element(part, claims)
@@ -184,7 +188,13 @@ def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple
         case Absent() | Broken():
             raise Reported
         case _:
-            raise Fault(NO_PARAMETER, f"`{part.name}` is no parameter", span, "cannot be changed", helps=("make what changes a parameter of the model",))
+            raise Fault(
+                NO_PARAMETER,
+                f"`{part.name}` is no parameter",
+                span,
+                "cannot be changed",
+                helps=("make what changes a parameter of the model",),
+            )
 
 
 def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[tuple[str, Expr]]:
@@ -222,7 +232,11 @@ def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span
     if kind_of(value) != "number" or (shape_of(value) and shape_of(value) != part.shape):
         what = shown_shape(shape_of(value)) if kind_of(value) == "number" else "no number"
         raise Fault(
-            NO_PARAMETER, f"`{part.name}` is {shown_shape(part.shape)}, its new value {what}", span, what, others=[(part.origin.span, "declared here")]
+            NO_PARAMETER,
+            f"`{part.name}` is {shown_shape(part.shape)}, its new value {what}",
+            span,
+            what,
+            others=[(part.origin.span, "declared here")],
         )
     _check_constant(value, span)
     yield from zip(names, spread(value, part.shape, span, part.name) or (), strict=True)

@@ -34,7 +34,7 @@ from bgdsl.ir.library import Library
 from bgdsl.passes import connect, laws, statements
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.instantiate import expand, make_part
-from bgdsl.passes.names import Names, Resolved
+from bgdsl.passes.names import Member, Names, Resolved
 from bgdsl.passes.parameters import evaluate_parameter, finish_parameters, table_value
 from bgdsl.passes.parts import (
     Build,
@@ -56,17 +56,38 @@ TOO_DEEP = Code("BG299", "an expression or model is nested too deep")
 Override = float | bool | str | tuple[Any, ...]
 
 
-def flatten(library: Library, model: str | None, report: Reporter, *, overrides: Mapping[str, Override] | None = None) -> BondGraph:
-    """The flat bond graph of one model; BgError with everything found if it has errors."""
+def flatten(
+    library: Library, model: str | None, report: Reporter, *, overrides: Mapping[str, Override] | None = None, part: bool = False
+) -> BondGraph:
+    """The flat bond graph of one model; BgError with everything found if it has errors.
+
+    part: check a model that others are made of. Its own ports stay open (bonds to them are left out of the graph, so `verify`
+    does not hold) and parameters without a value count as 1.
+    """
     names = Names(library, report)
     for module in library.modules.values():
         names.file_scope(module)
     node = choose_model(library, model, report)
     try:
         with _without_collection():
-            return _flatten(library, node, names, report, dict(overrides or {}))
+            return _flatten(library, node, names, report, dict(overrides or {}), part)
     except RecursionError:
         report.fail(TOO_DEEP, "an expression or a chain of models is nested too deep", _head(node.span), "in this model")
+
+
+def is_part(library: Library, name: str) -> bool:
+    """Whether a model is made to be used by others: it has ports, or parameters without a value."""
+    names = Names(library, Reporter())
+    node = next((model for model in library.models() if model.name == name), None)
+    cls = names.make(Resolved(name, node, names.file_scope(library.main))) if node is not None else None
+    return cls is not None and any(_is_open(member) for member in cls.members.values())
+
+
+def _is_open(member: Member) -> bool:
+    if member.prefixes & {"port in", "port out"}:
+        return True
+    given = member.entry.value is not None or any(entry.value is not None for entry, _ in member.claims)
+    return bool(member.prefixes & {"parameter"}) and not given
 
 
 @contextmanager
@@ -91,7 +112,14 @@ def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Mo
                 return model
         known = [model.name for model in models]
         where = library.main.tree.items[0].span if library.main.tree.items else Span(source, 0, 0)
-        report.fail(WHICH_MODEL, f"`{source.name}` has no model `{name}`", Span(source, where.start, where.start), "", helps=did_you_mean(name, known), notes=_listed(known))
+        report.fail(
+            WHICH_MODEL,
+            f"`{source.name}` has no model `{name}`",
+            Span(source, where.start, where.start),
+            "",
+            helps=did_you_mean(name, known),
+            notes=_listed(known),
+        )
     if len(models) == 1:
         return models[0]
     used = {part for item in library.main.tree.items if isinstance(item, ast.Model) for part in _classes_used(item)}
@@ -152,11 +180,12 @@ def _head(span: Span) -> Span:
 # ------------------------------------------------------------------------------------------------------------ the steps
 
 
-def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, overrides: dict[str, Any]) -> BondGraph:
+def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, overrides: dict[str, Any], part: bool) -> BondGraph:
     cls = names.make(Resolved(node.name, node, names.file_scope(library.main)))
     report.stop_if_errors()
     assert cls is not None
     build = _new_build(names, report, overrides)
+    build.part = part
     root = Instance("", cls, (), build, None, node.comment or "")
     lines = statements.Lines()
     expand(root)
@@ -175,10 +204,15 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     signals = _signals(build, lines)
     experiments = make_experiments(root)
     parameters = finish_parameters(build, _ordered(build), _head(node.span))
-    for part, _ in build.parts:
-        if isinstance(part, ElementPart):
-            laws.check_numbers(build, part)
-    connect.warn_single(build, (part for part, _ in build.parts if isinstance(part, JunctionPart)), bonds)
+    if part:
+        _leave_to_users(build, node.name in _extended(library))
+    else:
+        for item, _ in build.parts:
+            if isinstance(item, ElementPart):
+                laws.check_numbers(build, item)
+        connect.warn_single(
+            build, (item for item, owner in build.parts if isinstance(item, JunctionPart) and not (item.open and owner is root)), bonds
+        )
     report.stop_if_errors()
     graph = BondGraph(
         node.name,
@@ -199,8 +233,35 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     )
     if build.renamed:
         graph = _with_fused_names(graph, build)
+    if part:
+        return _without_loose_bonds(graph)
     graph.verify()
     return graph
+
+
+def _without_loose_bonds(graph: BondGraph) -> BondGraph:
+    """A part without the bonds to elements whose values its users give."""
+    there = {item.name for items in (graph.junctions, graph.elements) for item in items}
+    return replace(graph, bonds=tuple(bond for bond in graph.bonds if bond.tail.node in there and bond.head.node in there))
+
+
+_OF_SIZES = frozenset(("BG222", "BG225", "BG231", "BG232", "BG233", "BG244", "BG253", "BG255", "BG256", "BG261", "BG264", "BG272"))
+"""What may be found wrong only because a size or value is not known yet."""
+
+
+def _leave_to_users(build: Build, is_base: bool) -> None:
+    """What the users of a part give (values, sizes; in a base class, bonds), cannot be found missing in it."""
+    theirs = {laws.MISSING.number}
+    if is_base:
+        theirs.add(connect.UNCONNECTED.number)
+    if any(item.nominal and item.structural for item in build.parameters.values()):
+        theirs |= _OF_SIZES
+    build.report.diagnostics[:] = [found for found in build.report.diagnostics if found.code.number not in theirs]
+
+
+def _extended(library: Library) -> set[str]:
+    """The classes that models of the main file extend."""
+    return {item.base.parts[-1].name for model in library.models() for item in model.items if isinstance(item, ast.Extends)}
 
 
 def _new_build(names: Names, report: Reporter, overrides: dict[str, Any]) -> Build:

@@ -283,7 +283,9 @@ def _solve(args: Arguments, span: Span, context: Context) -> Value:
     a = _square(args[0], span, "solve")
     b = np.asarray(args[1])
     if len(shape_of(args[1])) not in (1, 2) or len(b) != len(a):
-        raise wrong(f"`solve` wants as many right-hand sides as the matrix has rows ({len(a)}), this is {shown_shape(shape_of(args[1]))}", span)
+        raise wrong(
+            f"`solve` wants as many right-hand sides as the matrix has rows ({len(a)}), this is {shown_shape(shape_of(args[1]))}", span
+        )
     if b.ndim == 1:
         return solve(a, b, span, context)
     return np.stack([solve(a, column, span, context) for column in b.T], axis=1)
@@ -299,7 +301,25 @@ def _norm(args: Arguments, span: Span, context: Context) -> Value:
     return unary("sqrt", add(x * x for x in items))
 
 
-_ELEMENTARY = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "sign", "floor", "ceil")
+_ELEMENTARY = (
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "sinh",
+    "cosh",
+    "tanh",
+    "exp",
+    "log",
+    "log10",
+    "sqrt",
+    "abs",
+    "sign",
+    "floor",
+    "ceil",
+)
 
 BUILT_INS: Mapping[str, tuple[int, int, Function]] = {
     **{name: (1, 1, _unary(name)) for name in _ELEMENTARY},

@@ -139,7 +139,10 @@ def claimed_value(claim: Claim) -> Value:
             )
         if shape[0] != size:
             raise Fault(
-                ARRAY_SIZE, f"`{entry.name}` of an array of {size} is modified with {shown_shape(shape)}", entry.span, f"{size} values are wanted"
+                ARRAY_SIZE,
+                f"`{entry.name}` of an array of {size} is modified with {shown_shape(shape)}",
+                entry.span,
+                f"{size} values are wanted",
             )
         value = value[position]
     return value
@@ -332,7 +335,9 @@ def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, cl
             )
         chain = chain.outer
     if member.declaration.type.dims:
-        raise Fault(SIZE, f"`{cls.name}` is {describe(resolved)}, it has no dimensions", member.declaration.type.span, "put the size after the name")
+        raise Fault(
+            SIZE, f"`{cls.name}` is {describe(resolved)}, it has no dimensions", member.declaration.type.span, "put the size after the name"
+        )
     check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", _head(cls.node.span))
     _check_protected(build, claims, cls)
     layers = tuple((entry.nested, author, index) for entry, author, index in claims if entry.nested)
@@ -345,7 +350,13 @@ def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
             member = cls.members.get(name)
             if member is not None and member.hidden:
                 build.fault(
-                    Fault(UNKNOWN_TARGET, f"`{name}` of `{cls.name}` is protected", change.span, "modified here", others=[(member.span, "declared here")])
+                    Fault(
+                        UNKNOWN_TARGET,
+                        f"`{name}` of `{cls.name}` is protected",
+                        change.span,
+                        "modified here",
+                        others=[(member.span, "declared here")],
+                    )
                 )
 
 
@@ -359,7 +370,9 @@ NOTHING: frozenset[str] = frozenset()
 
 def _junction(instance: Instance, member: Member, kind: str, size: int | None, path: str, claims: tuple[Claim, ...]) -> JunctionPart:
     check_targets(instance.build, claims, NOTHING, lambda: "a junction", member.span)
-    return JunctionPart(path, JUNCTIONS[kind], size, "open" in member.prefixes, Origin(instance.path, member.span), member.declarator.comment or "")
+    return JunctionPart(
+        path, JUNCTIONS[kind], size, "open" in member.prefixes, Origin(instance.path, member.span), member.declarator.comment or ""
+    )
 
 
 def _port(instance: Instance, member: Member, domain: str, size: int | None, path: str) -> PortPart:
@@ -381,7 +394,9 @@ def _port_sizes(kind: Kind, dims: tuple[ast.Expression, ...], author: Context, m
     if kind.ports == 1:
         return (_one_size(dims, author, member),)
     if len(sizes) > 2:
-        raise Fault(SIZE, f"a {kind.name} has two dimensions, not {len(sizes)}", member.declaration.type.span, "rows (port 2), columns (port 1)")
+        raise Fault(
+            SIZE, f"a {kind.name} has two dimensions, not {len(sizes)}", member.declaration.type.span, "rows (port 2), columns (port 1)"
+        )
     return (None, None) if not sizes else (sizes[-1], sizes[0])
 
 

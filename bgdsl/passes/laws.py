@@ -130,7 +130,9 @@ def _check_constant(part: ElementPart, name: str, value: Value, span: Span) -> N
                 helps = (f"a storage that changes is written as a law: `{kind.name} {part.member.name}({law})`",)
             else:
                 helps = (f"use the modulated kind: `M{kind.name} {part.member.name}({name} = ...)`",)
-            raise Fault(MODULATED, f"{kind.name} `{part.name}` reads {what}, which changes during a run", span, f"reads {what}", helps=helps)
+            raise Fault(
+                MODULATED, f"{kind.name} `{part.name}` reads {what}, which changes during a run", span, f"reads {what}", helps=helps
+            )
 
 
 def _as_parameter(build: Build, part: ElementPart, name: str, value: Value, claim: Claim) -> Value:
@@ -230,9 +232,7 @@ def _starts(part: ElementPart) -> dict[str, Expr]:
             if letter not in STARTS.get(part.kind.name, ()):
                 raise Fault(UNKNOWN_TARGET, f"`{letter}` of a {part.kind.name} has no initial value", claim[0].span, "it is no state")
             if first is not None:
-                raise Fault(
-                    BOTH, f"`{part.name}` is given two initial values", claim[0].span, "and this", others=[(first[0].span, "this")]
-                )
+                raise Fault(BOTH, f"`{part.name}` is given two initial values", claim[0].span, "and this", others=[(first[0].span, "this")])
             first = claim
             value = claimed_value(claim)
             size = part.sizes[0]
@@ -436,7 +436,7 @@ def _check_definite(build: Build, part: ElementPart, name: str, rows: Rows, span
                     "not symmetric",
                     notes=("otherwise it would make energy out of nothing",),
                 )
-    if any(unknowns_of(entry) for row in rows for entry in row):
+    if build.part or any(unknowns_of(entry) for row in rows for entry in row):
         return
     try:
         numbers = np.array([[build.number(entry, span, structural=False) for entry in row] for row in rows])

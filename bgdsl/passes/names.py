@@ -58,7 +58,9 @@ def modifications(arguments: Iterable[ast.Argument], report: Reporter) -> dict[s
             case ast.Modifier(name=name):
                 _insert(table, name.parts, argument, report)
             case ast.Redeclaration(name=name):
-                new = Modification(name, argument.span, None, modifications(argument.arguments, report), argument.each, argument.final, argument)
+                new = Modification(
+                    name, argument.span, None, modifications(argument.arguments, report), argument.each, argument.final, argument
+                )
                 _merge(table, new, report)
     return table
 
@@ -85,7 +87,11 @@ def _merge(table: dict[str, Modification], new: Modification, report: Reporter) 
         return
     if (old.value is not None and new.value is not None) or (old.redeclared and new.redeclared):
         report.add(
-            MODIFIED_TWICE, f"`{new.name}` is modified twice in one place", new.span, "again here", others=[(old.span, "first modified here")]
+            MODIFIED_TWICE,
+            f"`{new.name}` is modified twice in one place",
+            new.span,
+            "again here",
+            others=[(old.span, "first modified here")],
         )
         return
     old.value = old.value if old.value is not None else new.value
@@ -347,7 +353,9 @@ class Names:
             return
         if not isinstance(resolved.node, ast.Model):
             what = describe(resolved)
-            self.report.add(WRONG_KIND, f"`{item.base.text}` is {what}; only models and elements can be extended", item.base.span, f"{what}")
+            self.report.add(
+                WRONG_KIND, f"`{item.base.text}` is {what}; only models and elements can be extended", item.base.span, f"{what}"
+            )
             return
         if any(resolved.node is other for other in self.building):
             circle = [*self.building[[o is resolved.node for o in self.building].index(True) :], resolved.node]
@@ -383,7 +391,9 @@ class Names:
                 if old.declarator is member.declarator and not (old.claims or claims):
                     continue  # the same base by two ways
                 if not (old.declaration == member.declaration and old.declarator == member.declarator and not (old.claims or claims)):
-                    self._duplicate(name, item.span, "inherited again here", ((old.span, f"first from `{old.scope.place}`"), (member.span, "and here")))
+                    self._duplicate(
+                        name, item.span, "inherited again here", ((old.span, f"first from `{old.scope.place}`"), (member.span, "and here"))
+                    )
                 continue
             made.members[name] = Member(
                 name, member.declaration, member.declarator, member.scope, member.type, member.entry, claims, member.prefixes, member.hidden

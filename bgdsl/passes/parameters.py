@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bgdsl.diagnostics import Code, did_you_mean
-from bgdsl.expr import Expr, Table, const, evaluate, param
+from bgdsl.expr import ONE, Expr, Table, const, evaluate, param
 from bgdsl.ir.graph import Parameter, scalar_names
 from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.elaborate import evaluate_integer
@@ -128,6 +128,9 @@ def _binding(build: Build, part: ParameterPart) -> tuple[Value, Span]:
             for subscripts, piece, writer in reversed(pieces):
                 value = _replaced(value, subscripts, piece.value, piece.span, writer)
             return _overridden(build, part, value), entry.value.span
+    if build.part and not part.constant and part.type in ("Real", "Integer", "Boolean"):
+        part.nominal = True
+        return _nominal(part), part.origin.span
     raise Fault(
         NO_VALUE,
         f"parameter `{part.name}` has no value",
@@ -135,6 +138,14 @@ def _binding(build: Build, part: ParameterPart) -> tuple[Value, Span]:
         "declared without a value",
         helps=("give it one here, or where it is used: `... (" + part.name.rpartition(".")[2] + " = 1)`",),
     )
+
+
+def _nominal(part: ParameterPart) -> Value:
+    """What stands for a value that the users of a part will give: 1."""
+    if part.open_shape and part.member is not None:
+        dims = (*part.member.declarator.dims, *part.member.declaration.type.dims)
+        return array_of([ONE], (1,) * len(dims))
+    return array_of([ONE] * int(np.prod(part.shape)), part.shape) if part.shape else ONE
 
 
 def _lifted(value: Any, part: ParameterPart) -> Value:
@@ -227,7 +238,11 @@ def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
     for name, value in node.named:
         if name not in ("x", "y", "kind", "periodic"):
             raise Fault(
-                DATA, f"a table has no option `{name}`", value.span, "", helps=did_you_mean(name, ("x", "y", "kind", "periodic")) or ("x, y, kind, periodic",)
+                DATA,
+                f"a table has no option `{name}`",
+                value.span,
+                "",
+                helps=did_you_mean(name, ("x", "y", "kind", "periodic")) or ("x, y, kind, periodic",),
             )
     kind, periodic = options.get("kind", "linear"), options.get("periodic", const(0.0))
     given = [evaluate_expression(argument, context) for argument in node.arguments]
@@ -284,9 +299,10 @@ def finish_parameters(build: Build, parts: Iterable[ParameterPart], span: Span) 
     """Every parameter in the flat graph's form, once circles are excluded and bounds checked."""
     kept = [part for part in parts if part.state == "done" and part.type not in ("String", "Table")]
     _check_overrides(build, span)
-    _evaluate_all(build, kept)
-    for part in kept:
-        _check_bounds(build, part)
+    if not any(part.nominal for part in kept):
+        _evaluate_all(build, kept)
+        for part in kept:
+            _check_bounds(build, part)
     return tuple(
         Parameter(
             part.name,
@@ -309,9 +325,7 @@ def _check_overrides(build: Build, span: Span) -> None:
     known = [*build.parameters]
     for name in build.overrides:
         if name not in build.used:
-            build.report.add(
-                OVERRIDE, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known)
-            )
+            build.report.add(OVERRIDE, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known))
 
 
 def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:

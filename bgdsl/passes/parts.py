@@ -105,6 +105,7 @@ class ParameterPart:
     low: tuple[Expr, ...] | None = None
     high: tuple[Expr, ...] | None = None
     open_shape: bool = False
+    nominal: bool = False
     state: Literal["new", "open", "done", "failed"] = "new"
 
 
@@ -283,6 +284,7 @@ class Build:
     checked: dict[int, Any] = field(default_factory=dict)
     nodes: dict[str, Any] = field(default_factory=dict)
     renamed: bool = False
+    part: bool = False
 
     def fault(self, fault: Fault, path: str = "") -> None:
         """Report a finding once, however many instances make it; the first is named."""
@@ -414,7 +416,8 @@ def leaves_of(make: Any, name: str, shape: tuple[int, ...]) -> Value:
 
 
 def array_of(items: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """An object array of that shape from its entries, row-major."""
+    """An object array of that shape (one dimension at least) from its entries, row-major."""
+    assert shape
     made = np.empty(len(items), dtype=object)
     for i, item in enumerate(items):
         made[i] = item
@@ -445,4 +448,3 @@ def shown_shape(shape: tuple[int, ...]) -> str:
             return f"a vector of {n}"
         case _:
             return f"an array of {' x '.join(map(str, shape))}"
-

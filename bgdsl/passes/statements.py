@@ -182,7 +182,11 @@ def declared_equation(part: SignalPart, lines: Lines, build: Build) -> None:
     if shape_of(value) != part.shape or kind_of(value) != "number":
         what = shown_shape(shape_of(value)) if kind_of(value) == "number" else f"a {kind_of(value)}"
         raise Fault(
-            SIDES, f"`{part.name}` is {shown_shape(part.shape)}, its value is {what}", span, what, others=[(part.origin.span, "declared here")]
+            SIDES,
+            f"`{part.name}` is {shown_shape(part.shape)}, its value is {what}",
+            span,
+            what,
+            others=[(part.origin.span, "declared here")],
         )
     part.role = "algebraic"
     for left, right in zip(entries(part.value), entries(value), strict=True):
@@ -210,7 +214,11 @@ def check_defined(part: SignalPart, signal: Signal, read: set[str], lines: Lines
     """A variable that no equation mentions has no value."""
     if signal.role == "input":
         return
-    missing = [name for name in signal.scalars() if name not in lines.defined and f"der({name})" not in lines.defined and not _mentioned(name, read)]
+    missing = [
+        name
+        for name in signal.scalars()
+        if name not in lines.defined and f"der({name})" not in lines.defined and not _mentioned(name, read)
+    ]
     if missing:
         shown = f"`{missing[0]}`" if len(missing) == 1 else f"`{part.name}`"
         build.fault(
@@ -219,7 +227,9 @@ def check_defined(part: SignalPart, signal: Signal, read: set[str], lines: Lines
                 f"variable {shown} has no equation",
                 part.origin.span,
                 "declared here",
-                helps=(f"give it one: `{part.member.name} = ...;` or `der({part.member.name}) = ...;`, or declare it `parameter` or `input`",),
+                helps=(
+                    f"give it one: `{part.member.name} = ...;` or `der({part.member.name}) = ...;`, or declare it `parameter` or `input`",
+                ),
             ),
             part.origin.path,
         )

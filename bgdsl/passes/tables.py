@@ -77,7 +77,9 @@ def _column(wanted: Column, header: list[str] | None, rows: Sequence[object], pa
     if isinstance(wanted, int):
         return wanted - 1
     if header is None:
-        raise Fault(DATA, f"`{path.name}` has no header that could name column `{wanted}`", span, "named here", helps=("give the column's number",))
+        raise Fault(
+            DATA, f"`{path.name}` has no header that could name column `{wanted}`", span, "named here", helps=("give the column's number",)
+        )
     if wanted not in header:
         from bgdsl.diagnostics import did_you_mean
 
@@ -103,7 +105,9 @@ def _cell(cells: Sequence[str], column: int, where: Span, span: Span) -> float:
         ) from None
 
 
-def make_table(name: str, x: Sequence[float], y: Sequence[float], kind: str, periodic: bool, span: Span, rows: Sequence[Span] = ()) -> Table:
+def make_table(
+    name: str, x: Sequence[float], y: Sequence[float], kind: str, periodic: bool, span: Span, rows: Sequence[Span] = ()
+) -> Table:
     """The table through the points (x, y)."""
     _check(x, y, kind, periodic, span, rows)
     if kind == "linear":

@@ -32,7 +32,11 @@ def kind_of(value: Value) -> str:
 
 def misfit(operator: str, left: Value, right: Value, span: Span, *helps: str) -> Fault:
     return Fault(
-        MISFIT, f"`{operator}` does not fit {_shown(left)} and {_shown(right)}", span, f"{_shown(left)} {operator} {_shown(right)}", helps=helps
+        MISFIT,
+        f"`{operator}` does not fit {_shown(left)} and {_shown(right)}",
+        span,
+        f"{_shown(left)} {operator} {_shown(right)}",
+        helps=helps,
     )
 
 
@@ -134,7 +138,7 @@ def matmul(left: Array, right: Array) -> Value:
     if left.ndim == 1:
         made = made[0]
     if right.ndim == 1:
-        made = made[..., 0]
+        made = made.reshape(made.shape[:-1]) if made.ndim > 1 else made[0]
     return made
 
 

@@ -11,15 +11,16 @@ from urllib.parse import unquote, urlparse
 from lsprotocol import types as lsp
 from pygls.lsp.server import LanguageServer
 
-from bgdsl import __version__, pipeline
+from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Diagnostic, Label, Reporter
 from bgdsl.explanations import explanation
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.formatter import format_source
 from bgdsl.syntax.parser import parse
+from bgdsl.version import VERSION
 
-server = LanguageServer("bgdsl", __version__)
+server = LanguageServer("bgdsl", VERSION)
 
 _SEVERITY = {"error": lsp.DiagnosticSeverity.Error, "warning": lsp.DiagnosticSeverity.Warning}
 

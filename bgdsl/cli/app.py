@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from bgdsl import __version__
+from bgdsl.version import VERSION
 from bgdsl.cli import console
 from bgdsl.diagnostics import BgError
 
@@ -27,7 +27,7 @@ app = typer.Typer(
 
 def _version(show: bool) -> None:
     if show:
-        console.out(f"bgc {__version__}")
+        console.out(f"bgc {VERSION}")
         raise typer.Exit
 
 
@@ -42,7 +42,7 @@ def options(
 
 def run(arguments: Sequence[str]) -> int:
     """Carry out a command line and return its exit status."""
-    from bgdsl.cli import front, run, tests  # noqa: F401  (their import registers the commands)
+    from bgdsl.cli import front, reduce, run, tests  # noqa: F401  (their import registers the commands)
 
     console.debug = False
     arguments = list(arguments)

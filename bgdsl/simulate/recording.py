@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bgdsl import __version__
+from bgdsl.version import VERSION
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.trajectory import Status
 from bgdsl.simulate.columns import Column
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 NO_OUTPUT = Code("BG619", "a result file cannot be written")
 
-TOOL = f"bgdsl {__version__}"
+TOOL = f"bgdsl {VERSION}"
 FORMATS = (".csv", ".nc", ".parquet")
 
 

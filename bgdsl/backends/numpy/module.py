@@ -66,17 +66,17 @@ def write_module(program: Program, *, source_name: str) -> str:
 
 def context(program: Program, source_name: str) -> Context:
     """The ready-made parts of the module."""
-    from bgdsl import __version__
+    from bgdsl.version import VERSION
 
     names = Names.of(program, _TAKEN)
     defaults = parameter_values(program)
     starts = start_values(program, defaults)
     return Context(
-        heading=_heading(program, source_name, __version__),
+        heading=_heading(program, source_name, VERSION),
         model=repr(program.model),
         source=repr(source_name),
         digest=repr(program.digest),
-        tool=repr(f"bgdsl {__version__}"),
+        tool=repr(f"bgdsl {VERSION}"),
         states=_records(program.states, starts),
         outputs=_records(record for record, _ in program.outputs),
         inputs=_records(program.inputs),

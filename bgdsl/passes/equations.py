@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import ZERO, Expr, add, const, leaves, var
+from bgdsl.expr import ZERO, Expr, add, const, leaves, substitute, var
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.elements import KINDS, component
 from bgdsl.ir.graph import Bond, BondGraph, Element, Law, Origin, SignalEquation
@@ -47,6 +47,7 @@ class _Work:
     unknowns: list[str] = field(default_factory=list)
     equations: list[Equation] = field(default_factory=list)
     dependent: dict[str, Expr | None] = field(default_factory=dict)
+    initial: list[SignalEquation] = field(default_factory=list)
 
     @property
     def scalar(self) -> ScalarGraph:
@@ -89,7 +90,9 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
         work.unknowns.append(name)
         work.state(var(name), value, None, name.rpartition(".")[0], _origin_of(work, name))
     report.stop_if_errors()
-    initial = tuple(SignalEquation(work.values.close(e.left), work.values.close(e.right), e.origin) for e in graph.initial_equations)
+    initial = tuple(
+        SignalEquation(work.values.close(e.left), work.values.close(e.right), e.origin) for e in (*graph.initial_equations, *work.initial)
+    )
     guesses = {
         name: start
         for signal in graph.signals
@@ -188,10 +191,7 @@ def _laws(work: _Work) -> None:
 def _element(work: _Work, element: Element, terms: list[Term]) -> None:
     outputs = [(work.common(t) if work.determines(t) else t.conjugate).data for t in terms]
     if element.states:
-        outputs = [
-            _storage(work, element, name, term)
-            for name, term in zip(element.states, sorted(terms, key=lambda t: (t.port, t.spot)), strict=True)
-        ]
+        outputs = [_storage(work, element, term) for term in sorted(terms, key=lambda t: t.spot)]
     open_outputs = dict.fromkeys(outputs)
     waiting: list[tuple[Law, Expr, Expr]] = []
     for law in element.laws:
@@ -232,16 +232,17 @@ def _refuse(work: _Work, element: Element, law: Law, wanted: str, refusal: Refus
     )
 
 
-def _storage(work: _Work, element: Element, name: str, term: Term) -> str:
+def _storage(work: _Work, element: Element, term: Term) -> str:
     """State der(p) = e (der(q) = f), and return what the law has to give: the co-energy variable, or the state itself where
     causality is derivative."""
     kind = KINDS[element.kind].state
     assert kind is not None
+    name = element.states[term.spot]
     effort, flow = (term.conjugate, work.common(term)) if work.scalar.junctions[term.junction].kind else (work.common(term), term.conjugate)
     rate, co_energy = (effort, flow) if kind == "p" else (flow, effort)
     change = var(derivative_name(name))
-    start = element.starts.get(name)
-    work.unknowns.append(derivative_name(name))
+    start = _start(work, element, term.spot)
+    work.unknowns.append(change.data)
     if name in work.causal.derivative:
         work.dependent[name] = start
         work.unknowns.append(name)
@@ -250,6 +251,28 @@ def _storage(work: _Work, element: Element, name: str, term: Term) -> str:
     work.states.append(State(name, start if start is not None else ZERO, "", element.comment, element.origin, kind, start is not None))
     work.equations.append(Equation(change, rate, change.data, element.name, element.origin))
     return str(co_energy.data)
+
+
+def _start(work: _Work, element: Element, i: int) -> Expr | None:
+    """The start of a storage's state: as given, or from that of its co-energy variable through the law. Where the law cannot
+    be turned, the given start becomes an initial equation."""
+    name = element.states[i]
+    if name in element.starts or not element.starts:
+        return element.starts.get(name)
+    given = {var(letter): value for letter, value in element.starts.items()}
+    for law in element.laws:
+        left, right = (work.values.close(side) for side in substitute((law.left, law.right), given))
+        if set(_variables(left, right)) == {name}:
+            value = solve_for(left, right, var(name), work.moduli.can_vanish)
+            if isinstance(value, Expr):
+                return value
+    co_energy = element.ports[0].variable(element.name, "f" if KINDS[element.kind].state == "p" else "e", i)
+    work.initial.append(SignalEquation(var(co_energy), element.starts[co_energy], element.origin))
+    return None
+
+
+def _variables(*roots: Expr) -> Iterator[str]:
+    return (leaf.data for leaf in leaves(roots))
 
 
 # -------------------------------------------------------------------------------------------------------------- signals

@@ -1,6 +1,6 @@
 """The order in which a model is measured and reduced; `pipeline.py` is the order in which it is compiled and run.
 
-    run with integrals -> activities -> decision -> rewritten source -> compiled again, and run for its accuracy
+run with integrals -> activities -> decision -> rewritten source -> compiled again, and run for its accuracy
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bgdsl import pipeline
 from bgdsl.diagnostics import Reporter
 from bgdsl.ir.activity import ActivityReport, Integrands
 from bgdsl.ir.rewrite import Rewrite

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from bgdsl.version import VERSION
 from bgdsl.cli import console
 from bgdsl.diagnostics import BgError
+from bgdsl.version import VERSION
 
 # typer carries its own click in newer releases and the package in older ones: the base of its errors is found through it
 UsageProblem: type[typer.BadParameter] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")

@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bgdsl.version import VERSION
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.trajectory import Status
 from bgdsl.simulate.columns import Column
 from bgdsl.source import Source, Span
+from bgdsl.version import VERSION
 
 if TYPE_CHECKING:
     import numpy as np

@@ -1,0 +1,202 @@
+"""The engine against its reference numbers and against the paper: amplitudes of mount forces, energy, joints, sizes.
+
+    python benchmarks/engine_study.py [--write]     prints the tables; with --write puts them into docs/engine.md
+
+Amplitudes: the last four engine cycles, resampled evenly in time, by Fourier transform; order o is o oscillations a crank
+revolution.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+import bgdsl
+from bgdsl.expr import Expr, add
+from bgdsl.simulate.quadrature import Quadratures
+
+Array = NDArray[np.float64]
+
+ROOT = Path(__file__).parent.parent
+COMPONENTS = tuple(f"{mount}_force[{k}]" for mount in ("front_mount", "left_rear_mount", "right_rear_mount") for k in (1, 2, 3))
+CYCLES, SAMPLES = 4, 8192
+
+REFERENCE: dict[str, dict[str, tuple[float, ...]]] = {
+    "balanced": {
+        "DC": (526.59, -17.71, 6516.0, -301.72, 9.73, 4628.8, -224.88, 9.73, 4309.9, 64.9945),
+        "3": (0.0530, 77.779, 5.360, 0.769, 53.744, 49.568, 0.715, 53.744, 51.741, 2.2625),
+    },
+    "misfire": {
+        "DC": (527.92, -21.17, 6519.8, -297.11, 6.50, 4622.4, -225.55, 6.50, 4318.4, 53.6402),
+        "0.5": (24.60, 1327.0, 74.29, 273.76, 610.20, 308.44, 309.06, 610.20, 323.02, 5.6439),
+        "1": (4.887, 255.33, 43.86, 9.550, 248.96, 137.74, 11.612, 248.96, 149.64, 3.1638),
+        "3": (0.070, 79.65, 6.081, 0.360, 56.12, 51.79, 0.290, 56.12, 53.94, 2.2293),
+    },
+}
+"""Amplitudes in N of the nine force components and in rad/s of the speed, from a hand-written program run to 4 s."""
+
+PAPER_ORDER_3 = (0.055, 78.0, 4.2, 0.81, 53.0, 60.0, 0.90, 53.0, 62.0)
+"""The paper's Table 5: the balanced engine's third order in N."""
+
+JOINTS = {
+    "main bearing": ("main_a.spring.q", "main_b.spring.q"),
+    "crank pin": tuple(f"cyl[{i}].crank_pin.spring.q" for i in range(1, 7)),
+    "wrist pin": tuple(f"cyl[{i}].wrist_pin.spring.q" for i in range(1, 7)),
+    "bore": tuple(f"bore[{i}].across.spring.q" for i in range(1, 7)),
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """One run: amplitudes by order (nine forces, then speed), the energy balance in J, deflections of the joints in m."""
+
+    orders: dict[str, Array]
+    exchanged: float
+    unbalanced: float
+    deflections: dict[str, float]
+    steps: int
+    seconds: float
+
+
+def amplitudes(run: Any) -> dict[str, Array]:
+    """Amplitude of each order over the last four whole cycles."""
+    theta, time = np.asarray(run["crank_angle"]), np.asarray(run.time)
+    last = int(theta[-1] // (4 * np.pi))
+    begin, end = (float(CubicSpline(theta, time)(4 * np.pi * k)) for k in (last - CYCLES, last))
+    grid = np.linspace(begin, end, SAMPLES, endpoint=False)
+    columns = np.column_stack([np.asarray(run[name]) for name in (*COMPONENTS, "crank_speed")])
+    spectrum = np.fft.rfft(CubicSpline(time, columns)(grid), axis=0) / SAMPLES
+    found = {"DC": spectrum[0].real}
+    for order in (0.5, 1.0, 1.5, 3.0, 6.0):
+        found[f"{order:g}"] = 2 * np.abs(spectrum[round(2 * CYCLES * order)])
+    return found
+
+
+def works(values: Mapping[str, Expr]) -> tuple[Expr, ...]:
+    """What leaves or enters the stored energy: gas and weight (in), mounts, bearing and joints (out)."""
+
+    def power(name: str, n: int) -> Expr:
+        if n == 0:
+            return values[f"{name}.e"] * values[f"{name}.f"]
+        return add(values[f"{name}.e[{k}]"] * values[f"{name}.f[{k}]"] for k in range(1, n + 1))
+
+    bodies = ["block", "crank", *(f"cyl[{i}].{part}" for i in range(1, 7) for part in ("rod", "piston"))]
+    mounts = ("front_mount", "left_rear_mount", "right_rear_mount")
+    joints = [("main_a.damper", 3), ("main_b.damper", 2)]
+    for i in range(1, 7):
+        joints += [(f"cyl[{i}].crank_pin.damper", 3), (f"cyl[{i}].wrist_pin.damper", 3), (f"cyl[{i}].twist.damper", 1)]
+        joints += [(f"bore[{i}].across.damper", 2), (f"bore[{i}].turn.damper", 3)]
+    return (
+        add(power(f"combustion[{i}]", 0) for i in range(1, 7)),
+        add(power(f"{body}.weight", 1) for body in bodies),
+        add(power(f"{mount}.damper", 3) for mount in mounts),
+        power("bearing", 0),
+        add(power(name, n) for name, n in joints),
+    )
+
+
+def study(system: Any, experiment: str, *, stop: float = 4.0, tolerance: float = 1e-8, joints: bool = True) -> Study:
+    """Run an experiment of an engine and measure it."""
+    quadratures = Quadratures(works(system.program.values)) if joints else None
+    run = system.simulate(experiment, stop=stop, tolerance=tolerance, quadratures=quadratures)
+    exchanged = unbalanced = 0.0
+    deflections: dict[str, float] = {}
+    if joints:
+        gas, weight, *lost = (float(total) for total in run.trajectory.integrals.values)
+        energy = np.asarray(run["energy.total"])
+        exchanged, unbalanced = abs(gas), float(energy[-1] - energy[0] - gas - weight + sum(lost))
+        deflections = {joint: max(float(np.max(np.abs(run[name]))) for name in names) for joint, names in JOINTS.items()}
+    statistics = run.statistics
+    return Study(amplitudes(run), exchanged, unbalanced, deflections, statistics.steps, statistics.wall_time)
+
+
+def largest_error(found: Study, wanted: dict[str, tuple[float, ...]], *, floor: float = 1.0) -> tuple[float, float]:
+    """The largest relative deviation of components above `floor` newtons, and of those below."""
+    above, below = 0.0, 0.0
+    for order, values in wanted.items():
+        for value, mine in zip(values, found.orders[order], strict=True):
+            error = abs(mine - value) / abs(value)
+            if abs(value) >= floor:
+                above = max(above, error)
+            else:
+                below = max(below, error)
+    return above, below
+
+
+# --------------------------------------------------------------------------------------------------------------- tables
+
+
+def _row(label: str, values: Any) -> str:
+    return f"| {label} | " + " | ".join(f"{value:.4g}" for value in values) + " |"
+
+
+HEAD = "| | Front x | y | z | Left x | y | z | Right x | y | z | speed |\n|---|---|---|---|---|---|---|---|---|---|---|"
+
+
+def amplitude_table(found: dict[str, Study]) -> str:
+    """Amplitudes in N (speed in rad/s): ours, then the reference's."""
+    lines = [HEAD]
+    for experiment, one in found.items():
+        for order, wanted in REFERENCE[experiment].items():
+            lines += [_row(f"{experiment}, order {order}", one.orders[order]), _row("reference", wanted)]
+            if experiment == "balanced" and order == "3":
+                lines.append(_row("paper, Table 5", PAPER_ORDER_3)[:-2] + " | - |")
+    return "\n".join(lines)
+
+
+def size_table(models: dict[str, Any], found: dict[str, Study]) -> str:
+    """States, equations, bonds and what 4 s (1e-8) cost, beside the paper's Table 6."""
+    lines = ["| model | states | equations | scalar bonds | steps | seconds |", "|---|---|---|---|---|---|"]
+    for name, model in models.items():
+        sizes = model.sizes()
+        run = found.get(name)
+        cost = f"{run.steps} | {run.seconds:.2f}" if run else "- | -"
+        lines.append(f"| {name} | {sizes['states']} | {sizes['equations']} | {sizes['bonds']} | {cost} |")
+    lines.append("| paper, Table 6 (full model) | 279 | 4063 | - | 989618 (1 s) | - |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true")
+    write = parser.parse_args().write
+    engine = bgdsl.load(ROOT / "models" / "engine.bg", model="Engine")
+    system = engine.compile()
+    found = {name: study(system, name) for name in ("balanced", "misfire")}
+    tables = {"amplitudes": amplitude_table(found)}
+    checks = []
+    for name, one in found.items():
+        above, below = largest_error(one, REFERENCE[name])
+        checks.append(
+            f"| {name} | {100 * above:.3f} % | {100 * below:.2f} % | {one.unbalanced / one.exchanged:.1e} | "
+            + " | ".join(f"{1e6 * one.deflections[joint]:.1f}" for joint in JOINTS)
+            + f" | {one.steps} | {one.seconds:.1f} |"
+        )
+    head = "| | above 1 N | below 1 N | energy error | " + " | ".join(f"{joint}, um" for joint in JOINTS) + " | steps | seconds |"
+    tables["checks"] = "\n".join([head, "|" + "---|" * (len(JOINTS) + 6), *checks])
+    for name, table in tables.items():
+        print(f"\n{name}\n{table}")
+    if write:
+        _write(tables)
+
+
+def _write(tables: dict[str, str]) -> None:
+    page = ROOT / "docs" / "engine.md"
+    text = page.read_text("utf-8")
+    for name, table in tables.items():
+        text = re.sub(
+            rf"(<!-- {name} -->\n).*?(<!-- end -->)", lambda match, table=table: f"{match[1]}{table}\n{match[2]}", text, flags=re.DOTALL
+        )
+    page.write_text(text, "utf-8")
+
+
+if __name__ == "__main__":
+    main()

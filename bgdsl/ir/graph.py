@@ -22,13 +22,15 @@ class Origin:
     """Where a flat thing comes from: the instance whose class wrote it ("" for the model itself) and the place in the text.
 
     Of a bond, so that a reduction finds the very link again: `link` is (number of the arrow in its chain, number of the end in
-    its fan), both from 0, and `loop` the values of the iterators of the `for` statements around it, outermost first.
+    its fan), both from 0, and `loop` the values of the iterators of the `for` statements around it, outermost first; `part`
+    are the components of that link (from 0) which the bond has, None for all of them.
     """
 
     path: str
     span: Span
     link: tuple[int, int] | None = None
     loop: tuple[int, ...] = ()
+    part: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ Reports      BG260 no end for a bond, BG261 sizes or arrow, BG262 wrong directio
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from bgdsl.diagnostics import Code, did_you_mean
@@ -475,11 +475,16 @@ def _fused(build: Build, chain: Chain, positions: list[list[int]], used: set[str
         _flat_end(tail, positions[0]),
         _flat_end(head, positions[-1]),
         size,
-        tuple(raw.origin for raw in chain),
+        tuple(_part_of(raw, column) for raw, column in zip(chain, positions, strict=True)),
         tuple(raw.name for raw in chain if raw.name != name) if len(chain) > 1 else (),
         stroke,
         declared=tuple((raw.tail[0].domain, raw.tail[0].origin) for raw in chain[1:] if raw.tail[0].domain != GENERIC),
     )
+
+
+def _part_of(raw: RawBond, column: list[int]) -> Origin:
+    """The origin of those components of a statement's link."""
+    return raw.origin if len(column) == len(raw.tail[2]) else replace(raw.origin, part=tuple(column))
 
 
 def _stroke(build: Build, chain: Chain) -> Literal["tail", "head"] | None:

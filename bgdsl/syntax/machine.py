@@ -162,6 +162,8 @@ class Machine:
             action = actions.get(kind)
             if action is None and kind in soft:
                 action = actions.get("NAME")
+                if action is not None and action >= 0:  # the formatter wants to know what was a name
+                    kinds[index] = "NAME"
             if action is None or len(states) > MAX_STACK:
                 self.index, self.token, self.end = index, (kind, text, start), end
                 if not recover(self):

@@ -18,20 +18,25 @@ from bgdsl.diagnostics import Reporter
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast, errors
 from bgdsl.syntax.builder import TreeBuilder
-from bgdsl.syntax.lexer import tokenize
+from bgdsl.syntax.lexer import Tokens, tokenize
 from bgdsl.syntax.machine import Machine
 from bgdsl.syntax.recovery import Recovery
 
 
 def parse(source: Source, report: Reporter) -> ast.File:
     """The tree of a text. Errors are added to `report`; what stands beside them is still in the tree."""
+    return parse_tokens(source, report)[0]
+
+
+def parse_tokens(source: Source, report: Reporter) -> tuple[ast.File, Tokens]:
+    """The tree, and the tokens it is made of: words that serve as names are of kind `NAME`."""
     tokens = tokenize(source.text)
     machine = Machine(source, tokens, TreeBuilder(source, report).action)
     with _without_collection():
         tree: ast.File | None = machine.run(Recovery(report))
+        comments = tuple(ast.Comment(source.text[a:b], span=Span(source, a, b)) for a, b in tokens.comments)
     items = tree.items if tree else ()
-    comments = tuple(ast.Comment(source.text[a:b], span=Span(source, a, b)) for a, b in tokens.comments)
-    return ast.File(items, comments, span=Span(source, 0, len(source.text)))
+    return ast.File(items, comments, span=Span(source, 0, len(source.text))), tokens
 
 
 @contextmanager

@@ -28,16 +28,30 @@ HIGH_INDEX = Code("BG504", "the equations constrain the states too deeply")
 
 def reduce_index(system: EquationSystem, report: Reporter) -> EquationSystem:
     """The system with its dependent storages and constraints differentiated; itself if there are none."""
-    wanted = {derivative_name(v): v for v in system.unknowns if derivative_name(v) in set(system.unknowns)}
-    followed = _promote(_follow(system, wanted, report)) if wanted else system
-    return _settle(followed, set(wanted) | set(followed.unknowns) - set(system.unknowns), report)
-
-
-def _follow(system: EquationSystem, wanted: Mapping[str, str], report: Reporter) -> EquationSystem:
-    """Add the equations of the derivatives that dependent storages want."""
+    unknowns = set(system.unknowns)
+    wanted = {derivative_name(v): v for v in system.unknowns if derivative_name(v) in unknowns}
+    if not wanted:
+        return _settle(system, (), set(), report)
     structure = _Structure.of(system, wanted)
-    cone = structure.cone(i for v in wanted.values() if (i := structure.row_of(v)) != FREE)
-    return _differentiated(system, structure, cone, set(wanted), report, hidden=())
+    cone = structure.cone(structure.rows_of(wanted.values()))
+    followed = _promote(_differentiated(system, structure, cone, set(wanted), report, hidden=()))
+    rates = set(wanted) | set(followed.unknowns) - unknowns
+    return _settle(followed, [system.equations[i] for i in cone], rates, report)
+
+
+def _settle(system: EquationSystem, done: Iterable[Equation], rates: set[str], report: Reporter) -> EquationSystem:
+    """Put the derivative in the place of each equation that no unknown is left for; the equation becomes an invariant.
+
+    done: equations that have their derivatives in the system; rates: the unknowns that these brought: what reads one is not
+    differentiated again.
+    """
+    structure = _Structure.of(system, ())
+    hidden = structure.matching.unmatched_rows
+    if not hidden:
+        return system
+    known = {id(equation) for equation in done}
+    cone = [i for i in structure.cone(hidden) if id(system.equations[i]) not in known]
+    return _differentiated(system, structure, cone, rates, report, hidden)
 
 
 def _promote(system: EquationSystem) -> EquationSystem:
@@ -57,16 +71,6 @@ def _promote(system: EquationSystem) -> EquationSystem:
     return replace(system, states=(*system.states, *states), unknowns=tuple(v for v in system.unknowns if v not in loose))
 
 
-def _settle(system: EquationSystem, rates: set[str], report: Reporter) -> EquationSystem:
-    """Put the derivative in the place of each equation that no unknown is left for; the equation becomes an invariant.
-
-    `rates` are the unknowns that differentiation has brought: what reads one is not differentiated again.
-    """
-    structure = _Structure.of(system, ())
-    hidden = structure.matching.unmatched_rows
-    return _differentiated(system, structure, structure.cone(hidden), rates, report, hidden) if hidden else system
-
-
 @dataclass(frozen=True, slots=True)
 class _Structure:
     """Which equation reads which unknown, and a maximum matching; some unknowns may be left out of it."""
@@ -83,8 +87,10 @@ class _Structure:
         given = [FREE if e.assigned is None else number[e.assigned] for e in system.equations]
         return _Structure(unknowns, rows, match(rows, len(unknowns), given))
 
-    def row_of(self, name: str) -> int:
-        return self.matching.row_of[self.unknowns.index(name)]
+    def rows_of(self, names: Iterable[str]) -> list[int]:
+        """The rows matched with the unknowns, as far as there are any."""
+        number = {name: j for j, name in enumerate(self.unknowns)}
+        return [i for name in names if (i := self.matching.row_of[number[name]]) != FREE]
 
     def cone(self, seeds: Iterable[int]) -> list[int]:
         """The rows whose derivatives are needed: the seeds and, for each unknown read, the row matched with it."""

@@ -6,6 +6,7 @@ Needs the extra `lsp` (pygls). Speaks the Language Server Protocol on stdin and 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urlparse
 
 from lsprotocol import types as lsp
@@ -20,7 +21,7 @@ from bgdsl.syntax.formatter import format_source
 from bgdsl.syntax.parser import parse
 from bgdsl.version import VERSION
 
-server = LanguageServer("bgdsl", VERSION)
+server: Any = LanguageServer("bgdsl", VERSION)
 
 _SEVERITY = {"error": lsp.DiagnosticSeverity.Error, "warning": lsp.DiagnosticSeverity.Warning}
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bgdsl.diagnostics import BgError, Diagnostic, Reporter
 from bgdsl.expr import Expr, evaluate
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from bgdsl.simulate.options import Options, Settings
     from bgdsl.simulate.quadrature import Quadratures
     from bgdsl.simulate.result import Run
+
+Before = TypeVar("Before")
+After = TypeVar("After")
 
 Value = float | bool | str | tuple[Any, ...]
 """What a parameter can be set to: a number, a truth value, a string, or (nested) tuples of numbers."""
@@ -130,7 +133,7 @@ class Model:
     def program(self) -> Program:
         return self._stage(lower, self.sorted)
 
-    def _stage(self, run: Callable[..., Any], data: Any) -> Any:
+    def _stage(self, run: Callable[[Before, Reporter], After], data: Before) -> After:
         result = run(data, self.report)
         self.report.stop_if_errors()
         return result

@@ -57,7 +57,7 @@ def measure(model: Model, scenario: Scenario) -> Measured:
     report = activities(
         model.scalar,
         wanted,
-        found.values,
+        found.values.tolist(),
         experiment=run.experiment or None,
         window=found.window,
         report=Reporter(),

@@ -52,20 +52,25 @@ def run(arguments: Sequence[str]) -> int:
     try:
         result = app(arguments, standalone_mode=False, prog_name="bgc")
         return result if isinstance(result, int) else 0
-    except BgError as error:
-        console.diagnostics(error.diagnostics)
     except typer.Exit as stop:
         return stop.exit_code
-    except UsageProblem as error:
-        error.show(sys.stderr)
-    except console.RefusedError as error:
-        console.message(f"error: {error}")
-    except (KeyboardInterrupt, typer.Abort):
-        console.message("stopped")
-    except OSError as error:
-        console.message(f"error: {error.strerror or error}: {error.filename}" if error.filename else f"error: {error}")
-    except RecursionError:
-        console.message("error: the model is nested too deeply")
-    if console.debug:
-        traceback.print_exc()
+    except (BgError, UsageProblem, console.RefusedError, KeyboardInterrupt, typer.Abort, OSError, RecursionError) as error:
+        _tell(error)
+        if console.debug:
+            traceback.print_exception(error)
     return 2
+
+
+def _tell(error: BaseException) -> None:
+    """Say on stderr why the work could not be done."""
+    if isinstance(error, BgError):
+        console.diagnostics(error.diagnostics)
+    elif isinstance(error, UsageProblem):
+        error.show(sys.stderr)
+    elif isinstance(error, OSError):
+        where = f": {error.filename}" if error.filename else ""
+        console.message(f"error: {error.strerror or error}{where}")
+    elif isinstance(error, RecursionError):
+        console.message("error: the model is nested too deeply")
+    else:
+        console.message("stopped" if isinstance(error, KeyboardInterrupt | typer.Abort) else f"error: {error}")

@@ -15,9 +15,7 @@ from bgdsl.cli.app import app
 if TYPE_CHECKING:
     from bgdsl.reduce import Measured
 
-Threshold = Annotated[
-    str | None, typer.Option("--threshold", metavar="EPS", help="Relative activity below which a term falls: 0.003 or 0.3%.")
-]
+Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 Guard = Annotated[bool, typer.Option("--guard/--no-guard", help="Keep a term whose rms effort (flow) is above the threshold all the same.")]
 
 

@@ -15,7 +15,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     if file_path.suffix != ".bg" or not parent.config.getini("bg_tests"):
         return None
-    return BgFile.from_parent(parent, path=file_path)  # type: ignore[no-any-return]
+    return BgFile.from_parent(parent, path=file_path)
 
 
 class BgFile(pytest.File):

@@ -19,6 +19,7 @@ from bgdsl.diagnostics import BgError, Code, Diagnostic, Reporter, did_you_mean
 from bgdsl.ir.library import Library
 from bgdsl.source import Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.parser import read_source
 from bgdsl.testing.values import BINARY, ELEMENTWISE, OVER_TIME, RELATIONS, Series, Value, combine
 
 FAILED = Code("BG650", "an assertion of a test failed")
@@ -53,10 +54,10 @@ def collect(paths: Iterable[Path]) -> list[Path]:
 def run_file(path: Path, *, search: Iterable[Path] = (), only: str | None = None) -> list[Outcome]:
     """Carry out every test block of a file whose name contains `only`. BgError if the file itself cannot be read."""
     report = Reporter()
-    source = pipeline.read_source(path, report)
+    source = read_source(path, report)
     report.stop_if_errors()
     library = pipeline.load_library(source, tuple(search), report)
-    tests = [item for item in pipeline.tree_of(library, source).items if isinstance(item, ast.Test)]
+    tests = [item for item in library.main.tree.items if isinstance(item, ast.Test)]
     return [_outcome(library, path, test) for test in tests if only is None or only in test.name]
 
 
@@ -218,12 +219,18 @@ class _Context:
         if not isinstance(series, Series) or len(node.arguments) != 1:
             self.report.fail(CANNOT, "a signal takes one time", node.span)
         argument = node.arguments[0]
-        t = series.time[-1] if isinstance(argument, ast.End) else self.value(argument)
+        t = series.time[-1] if isinstance(argument, ast.End) else self._number(argument)
         try:
             moment = series.at(t)
         except (TypeError, ValueError) as error:
             self.report.fail(CANNOT, str(error), argument.span)
         return moment if isinstance(moment, np.ndarray) and moment.ndim else float(moment)
+
+    def _number(self, node: ast.Expression) -> float:
+        value = self.value(node)
+        if not isinstance(value, float | int):
+            self.report.fail(CANNOT, "a number is needed here", node.span)
+        return float(value)
 
     def _reference(self, node: ast.Reference) -> Value:
         head, *rest = node.parts

@@ -69,7 +69,7 @@ def combine(operation: Callable[..., Any], *values: Value) -> Value:
     return Series(time, np.asarray(operation(*(v.on(time) if isinstance(v, Series) else v for v in values))))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any) -> Value:
     return value if isinstance(value, np.ndarray) and value.ndim else float(value)
 
 

@@ -138,4 +138,6 @@ def test_explain_lists_and_explains(bgc: Callable[..., Result]) -> None:
 
 
 def test_debug_shows_the_traceback(bgc: Callable[..., Result]) -> None:
-    assert "Traceback" in bgc("--debug", "check", "absent.bg").err or "Traceback" in bgc("compile", "absent.bg", "--debug").err
+    assert "Traceback" in bgc("--debug", "compile", "absent.bg").err
+    assert "Traceback" in bgc("compile", "absent.bg", "--debug").err
+    assert "Traceback" not in bgc("compile", "absent.bg").err

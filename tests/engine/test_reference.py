@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from engine_reference import OUR_NAMES, rhs
 
 CHECK = json.loads((Path(__file__).parent / "rhs_check.json").read_text())

@@ -94,7 +94,8 @@ def _items(source: Source, tokens: Tokens) -> Iterator[Item]:
         gap = gaps[index]
         if gap and not between.strip(" ") and (lead == "statement" or _may_line_up(tokens, index)):
             gap = " " * max(1, len(between))
-        yield Item(tokens.texts[index], tokens.kinds[index], lead, level, gap, between.count("\n"), _column(text, place))
+        word = "initial equation" if tokens.kinds[index] == "INITIAL_EQUATION" else tokens.texts[index]
+        yield Item(word, tokens.kinds[index], lead, level, gap, between.count("\n"), _column(text, place))
         last = place + len(tokens.texts[index])
 
 

@@ -123,8 +123,17 @@ def _bind_maths() -> None:
     elif sys.platform == "darwin":
         library = ctypes.CDLL(None)
     else:
-        library = ctypes.CDLL(find_library("m") or "libm.so.6")
+        library = ctypes.CDLL(_libm())
     for name in _LIBM:
         address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
         if address:
             llvm.add_symbol(name, address)
+
+
+def _libm() -> str:
+    """The C library's mathematics; asking the system where it is takes long, so its usual name comes first."""
+    try:
+        ctypes.CDLL("libm.so.6")
+    except OSError:
+        return find_library("m") or "libm.so"
+    return "libm.so.6"

@@ -18,7 +18,7 @@ from bgdsl.simulate.kernels.link import Link
 from bgdsl.simulate.kernels.loop import BROKEN, DONE, FULL, ROOT, Loop
 from bgdsl.simulate.methods import Method
 from bgdsl.simulate.options import Options
-from bgdsl.simulate.quadrature import STRIDE, Quadrature
+from bgdsl.simulate.quadrature import Quadrature
 from bgdsl.simulate.recorder import Recorder
 from bgdsl.simulate.sparse import SparseLU
 from bgdsl.simulate.stepper import Counters
@@ -225,9 +225,7 @@ class CvodeLoop:
     """The kernel loop around a `CvodeStepper`, tied to the arrays of a recorder and a quadrature."""
 
     def __init__(self, stepper: CvodeStepper, options: Options, recorder: Recorder, quadrature: Quadrature | None):
-        import numpy as np
-
-        self.stepper, self._recorder, self._quadrature = stepper, recorder, quadrature
+        self.stepper, self._recorder = stepper, recorder
         lib = sundials.libraries()
         loop = self.record = Loop()
         keep = stepper.keep
@@ -242,13 +240,9 @@ class CvodeLoop:
         loop.keep = len(recorder.state_rows) > 0
         loop.row_kernel = stepper.call(recorder.kernel)
         if quadrature is not None:
-            terms = loop.terms = len(quadrature.totals)
+            loop.sums, loop.parts = ctypes.addressof(quadrature.record), quadrature.parts
             loop.window_start, loop.window_stop = quadrature.window
-            loop.integrands, loop.stride = stepper.call(quadrature.kernel), STRIDE
-            for name in ("absolute", "totals", "errors", "smallest", "largest"):
-                setattr(loop, name, keep(getattr(quadrature, name)))
-            for name, size in (("left", 1), ("inner", 2), ("right", 1), ("sums", 3)):
-                setattr(loop, name, keep(np.zeros(size * terms)))
+            loop.integrands = stepper.call(quadrature.kernel)
         self._travel = KERNELS.function("travel")
 
     def go(self) -> str:
@@ -260,8 +254,6 @@ class CvodeLoop:
             status = self._travel(ctypes.addressof(loop))
             recorder.next, recorder.fill = loop.row_next, loop.row_fill
             stepper.counters.steps, stepper.t_old = loop.steps, loop.t_old
-            if self._quadrature is not None:
-                self._quadrature.panels, self._quadrature.evaluations = loop.panels, loop.evaluations
             match status:
                 case 0:
                     return "budget"
@@ -275,11 +267,6 @@ class CvodeLoop:
                     raise IntegrationError("what is recorded cannot be evaluated", stepper.t, stepper.x.copy(), stepper.link.status)
                 case _:
                     stepper.recover(status)
-                    loop.have_left = 0
-
-    def forget(self) -> None:
-        """The states were changed from outside."""
-        self.record.have_left = 0
 
 
 def _c_face(kernel: Kernel, n: int, m: int) -> Any:

@@ -153,7 +153,8 @@ class Journey:
                     watch.cross(stepper.t, stepper.roots(watch.kernel.size))
                     stepper.restart(stepper.t, x)
                     watch.begin(stepper.t, x)
-                    loop.forget()
+                    if self._quadrature is not None:
+                        self._quadrature.forget()
                 self._tell(stepper.t)
         finally:
             stepper.finish()

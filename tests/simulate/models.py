@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bgdsl.expr import ZERO, Expr, Table, add, const, derivative, if_else, leaves, param, relation, substitute, unary, var
+from bgdsl.expr import TIME, ZERO, Expr, Table, add, const, derivative, if_else, leaves, param, relation, substitute, unary, var
 from bgdsl.ir.graph import Check, Experiment, Origin, Parameter
 from bgdsl.ir.program import Assign, Event, Jacobian, Program, Record, Sparse, Step
 from bgdsl.source import Source, Span
@@ -81,9 +81,7 @@ def decay() -> Program:
 
 def oscillator() -> Program:
     """m x'' + k x = 0 from x = 1: x = cos(w t)."""
-    return make_program(
-        {"q": (1.0, var("p") / param("m")), "p": (0.0, -(param("k") * var("q")))}, parameters={"m": 1.0, "k": 4.0}
-    )
+    return make_program({"q": (1.0, var("p") / param("m")), "p": (0.0, -(param("k") * var("q")))}, parameters={"m": 1.0, "k": 4.0})
 
 
 def van_der_pol() -> Program:
@@ -95,13 +93,16 @@ def ball() -> Program:
     """A ball on a stiff one-sided spring: k acts below x = 0; without damping the energy stays."""
     x, v = var("x"), var("v")
     force = if_else(relation("lt", x, ZERO), -(param("k") * x), ZERO)
-    return make_program(
-        {"x": (1.0, v), "v": (0.0, add((force, const(-9.81))))}, parameters={"k": 1e4}, events=(x,), outputs={"F": force}
-    )
+    return make_program({"x": (1.0, v), "v": (0.0, add((force, const(-9.81))))}, parameters={"k": 1e4}, events=(x,), outputs={"F": force})
 
 
 def friction() -> Program:
     """A block pushed by cos(t), with Coulomb friction of 0.5."""
-    return make_program(
-        {"v": (0.0, unary("cos", __import__("bgdsl.expr", fromlist=["TIME"]).TIME) - 0.5 * unary("sign", var("v")))}, events=(var("v"),)
-    )
+    return make_program({"v": (0.0, unary("cos", TIME) - 0.5 * unary("sign", var("v")))}, events=(var("v"),))
+
+
+def compiled(program: Program):  # type: ignore[no-untyped-def]
+    """The program as machine code."""
+    from bgdsl.backends.native import build
+
+    return build(program)

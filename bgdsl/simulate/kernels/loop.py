@@ -4,23 +4,22 @@
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Callee, Struct, fabs, kernel, places, real, reals
+from bgdsl.simulate.kernels.compiler import Callee, Struct, kernel, places, real, reals, whole
 from bgdsl.simulate.kernels.link import Link, call_model, set_inputs
+from bgdsl.simulate.kernels.sums import Sums, absorb
 
-__all__ = ["Link", "Loop", "fabs", "places"]
+__all__ = ["Link", "Loop", "Sums", "whole"]
 
 Loop = Struct(
     "Loop",
-    """Link link, place advance, place interpolate, place memory, place y, places scratch, reals clock,
+    """Link link, place advance, place interpolate, place memory, places y, places scratch, reals clock,
     real t_old, real stop, whole steps, whole budget, whole flag, whole pending,
     whole row_next, whole row_count, real row_start, real row_interval, whole row_fill, whole row_capacity,
     reals row_times, reals rows, whole columns, place row_kernel, whole keep, reals states,
-    whole terms, real window_start, real window_stop, place integrands, octets absolute,
-    reals totals, reals errors, reals smallest, reals largest, reals left, reals inner, reals right, reals sums,
-    whole have_left, real left_time, whole panels, whole stride, whole evaluations, place after_step""",
+    Sums sums, real window_start, real window_stop, place integrands, whole parts, place after_step""",
 )
-"""clock: the current time, one number. y, scratch: N_Vectors. left, right: integrands at the ends of a panel (terms); inner: at
-its inner nodes (2 terms); sums: of a whole panel, of its halves (3 terms). pending: a step is taken but not yet looked at."""
+"""clock: the current time, one number. y, scratch: N_Vectors. pending: a step is taken but not yet looked at.
+parts: into how many equal parts a step is divided by the nodes of the integrals, adapted to what they need."""
 
 call_cvode = Callee("int", ("place", "real", "place", "reals", "int"))
 call_dky = Callee("int", ("place", "real", "int", "place"))
@@ -30,7 +29,10 @@ DONE = 1
 ROOT = 2
 FULL = 3
 BROKEN = 4
-INNER = 5.0**-0.5
+COARSE = 1e-4
+FINE = 1e-6
+MOST_PARTS = 64
+"""A step is divided further for the integrals when the estimated share of error rises above COARSE, less below FINE."""
 
 
 @kernel
@@ -70,99 +72,21 @@ def record(loop: Loop) -> int:
 
 
 @kernel
-def absolute_cubic(v0: real, v1: real, v2: real, v3: real) -> real:
-    """The integral over [-1, 1] of |p|, p being the cubic with these values at the Lobatto nodes."""
-    even = (v0 + v3) / 2.0
-    odd = (v3 - v0) / 2.0
-    c2 = (even - (v1 + v2) / 2.0) / 0.8
-    c0 = even - c2
-    c3 = (odd - (v2 - v1) / (2.0 * INNER)) / 0.8
-    c1 = odd - c3
-    total = 0.0
-    a = -1.0
-    va = v0
-    for i in range(3):
-        b = 1.0
-        vb = v3
-        if i == 0:
-            b = -INNER
-            vb = v1
-        if i == 1:
-            b = INNER
-            vb = v2
-        start = (((c3 / 4.0 * a + c2 / 3.0) * a + c1 / 2.0) * a + c0) * a
-        end = (((c3 / 4.0 * b + c2 / 3.0) * b + c1 / 2.0) * b + c0) * b
-        if va * vb >= 0.0:
-            total += fabs(end - start)
-        else:
-            low = a
-            high = b
-            r = a + (b - a) * va / (va - vb)
-            for _k in range(30):
-                p = ((c3 * r + c2) * r + c1) * r + c0
-                if p * va > 0.0:
-                    low = r
-                else:
-                    high = r
-                slope = (3.0 * c3 * r + 2.0 * c2) * r + c1
-                move = 3.0
-                if slope != 0.0:
-                    move = p / slope
-                r -= move
-                if fabs(move) < 1e-14:
-                    break
-                if not (low < r and r < high):
-                    r = (low + high) / 2.0
-            between = (((c3 / 4.0 * r + c2 / 3.0) * r + c1 / 2.0) * r + c0) * r
-            total += fabs(between - start) + fabs(end - between)
-        a = b
-        va = vb
-    return total
-
-
-@kernel
-def integrand(loop: Loop, t: real, out: reals) -> int:
-    """The integrands at t; their extremes are kept."""
+def node(loop: Loop, t: real) -> int:
+    """Evaluate the integrands at t and take them in. 0 or BROKEN."""
     link = loop.link
-    if dense_state(loop, t) != 0:
-        return BROKEN
-    loop.evaluations += 1
-    link.status = call_model(loop.integrands, t, reals(places(loop.scratch[0])[1]), link.u, out, link.context)
+    sums = loop.sums
+    x = reals(places(loop.y[0])[1])
+    if t == loop.clock[0]:
+        set_inputs(link, t)
+    else:
+        if dense_state(loop, t) != 0:
+            return BROKEN
+        x = reals(places(loop.scratch[0])[1])
+    link.status = call_model(loop.integrands, t, x, link.u, sums.v3, link.context)
     if link.status != 0:
         return BROKEN
-    for k in range(loop.terms):
-        value = fabs(out[k]) if loop.absolute[k] != 0 else out[k]
-        loop.smallest[k] = value if value < loop.smallest[k] else loop.smallest[k]
-        loop.largest[k] = value if value > loop.largest[k] else loop.largest[k]
-    return 0
-
-
-@kernel
-def panel(loop: Loop, a: real, b: real, left: reals, right: reals, sums: reals) -> int:
-    """sums := the integrals over [a, b]; left: the integrands at a; right: takes those at b."""
-    middle = (a + b) / 2.0
-    half = (b - a) / 2.0
-    n = loop.terms
-    v1 = loop.inner
-    v2 = loop.inner + n
-    failed = integrand(loop, middle - half * INNER, v1)
-    if failed == 0:
-        failed = integrand(loop, middle + half * INNER, v2)
-    if failed == 0:
-        failed = integrand(loop, b, right)
-    if failed != 0:
-        return BROKEN
-    for k in range(n):
-        p = left[k]
-        q = v1[k]
-        r = v2[k]
-        s = right[k]
-        value = (p + s + 5.0 * (q + r)) / 6.0
-        if loop.absolute[k] != 0:
-            some = p > 0.0 or q > 0.0 or r > 0.0 or s > 0.0
-            others = p < 0.0 or q < 0.0 or r < 0.0 or s < 0.0
-            value = absolute_cubic(p, q, r, s) if some and others else fabs(value)
-        sums[k] = half * value
+    absorb(sums, t)
     return 0
 
 
@@ -173,32 +97,24 @@ def integrate(loop: Loop) -> int:
     b = loop.clock[0] if loop.clock[0] < loop.window_stop else loop.window_stop
     if b <= a:
         return 0
-    n = loop.terms
-    if (loop.have_left == 0 or loop.left_time != a) and integrand(loop, a, loop.left) != 0:
-        return BROKEN
-    whole_sum = loop.sums
-    if panel(loop, a, b, loop.left, loop.right, whole_sum) != 0:
-        return BROKEN
-    if loop.panels % loop.stride == 0:
-        middle = (a + b) / 2.0
-        first = loop.sums + n
-        second = first + n
-        if panel(loop, a, middle, loop.left, loop.right, first) != 0:
+    sums = loop.sums
+    sums.step_size = 0.0
+    sums.step_error = 0.0
+    parts = loop.parts
+    if sums.known == 0:
+        parts = 3 if parts < 3 else parts
+        if node(loop, a) != 0:
             return BROKEN
-        for k in range(n):
-            loop.left[k] = loop.right[k]
-        if panel(loop, middle, b, loop.left, loop.right, second) != 0:
+    for k in range(1, parts + 1):
+        t = b
+        if k < parts:
+            t = a + (b - a) * k / parts
+        if node(loop, t) != 0:
             return BROKEN
-        for k in range(n):
-            fine = first[k] + second[k]
-            loop.errors[k] += loop.stride * fabs(fine - whole_sum[k])
-            whole_sum[k] = fine
-    for k in range(n):
-        loop.totals[k] += whole_sum[k]
-        loop.left[k] = loop.right[k]
-    loop.panels += 1
-    loop.have_left = 1
-    loop.left_time = b
+    if sums.step_error > COARSE * sums.step_size:
+        loop.parts = parts * 2 if parts * 2 <= MOST_PARTS else MOST_PARTS
+    elif sums.step_error < FINE * sums.step_size and loop.parts > 1:
+        loop.parts = loop.parts // 2
     return 0
 
 
@@ -225,7 +141,7 @@ def travel(loop: Loop) -> int:
         stopped = record(loop)
         if stopped != 0:
             return stopped
-        if loop.terms != 0 and integrate(loop) != 0:
+        if loop.sums and integrate(loop) != 0:
             return BROKEN
         loop.pending = 0
         if loop.flag == ROOT:

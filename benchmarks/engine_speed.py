@@ -1,0 +1,129 @@
+"""How fast the engine compiles and runs; every ratio is of two numbers measured in this one run.
+
+    python benchmarks/engine_speed.py
+
+- from text to machine code of right-hand side and Jacobian, with an empty cache and with a warm one, each in a process of its own
+- the machine-code right-hand side against the engine written by hand in C (engine_reference.c, compiled by gcc -O3)
+- one second of the balanced engine at 1e-6: the default method against VODE-Adams, which the paper used
+- the same with ideal joints
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bgdsl
+
+ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "tests" / "engine"))
+from engine_reference import GAS, OUR_NAMES  # noqa: E402
+
+REPEAT = 40_000
+FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+
+CALLER = """
+typedef int (*rhs_t)(double, const double *, const double *, double *, void *);
+void repeat(int n, int m, int size, rhs_t f, const double *y, double *dy, void *context)
+{ for (int i = 0; i < n; i++) f(0.0, y + (i % m) * size, 0, dy, context); }
+void engine_rhs(const double *, const double *, const double *, double *);
+void repeat_by_hand(int n, int m, int size, const double *y, const double *gain, const double *coef, double *dy)
+{ for (int i = 0; i < n; i++) engine_rhs(y + (i % m) * size, gain, coef, dy); }
+"""
+
+START = """
+import time; start = time.perf_counter()
+import bgdsl
+system = bgdsl.load({path!r}, model={model!r}).compile()
+native = system.native; native.rhs; native.jacobian
+print(time.perf_counter() - start)
+"""
+
+
+def _pointer(array: Any) -> Any:
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+def start_times(path: Path, model: str) -> tuple[float, float]:
+    """Seconds from the interpreter's first line to machine code: with an empty cache, and again."""
+    code = START.format(path=str(path), model=model)
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "XDG_CACHE_HOME": cache, "HOME": cache}
+        first, second = (
+            float(subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True).stdout)
+            for _ in range(2)
+        )
+    return first, second
+
+
+def rhs_times(system: Any) -> tuple[float, float]:
+    """Microseconds a right-hand side: ours, by hand in C. Both are called from a loop in C over several states in turn."""
+    cases = json.loads((ROOT / "tests" / "engine" / "rhs_check.json").read_text())["cases"]
+    y = np.array([case["y"] for case in cases[:2]])
+    y = np.vstack([y, 0.5 * (y[0] + y[1])])
+    names = [state.name for state in system.states]
+    x = np.empty_like(y)
+    x[:, [names.index(name) for name in OUR_NAMES]] = y
+    gain, coef, dy, dx = np.ones(6), np.ascontiguousarray(GAS.c.T), np.empty(261), np.empty(261)
+    with tempfile.TemporaryDirectory() as folder:
+        caller = Path(folder) / "caller.c"
+        caller.write_text(CALLER)
+        library = Path(folder) / "engine.so"
+        subprocess.run(["gcc", *FLAGS, "-o", library, caller, ROOT / "benchmarks" / "engine_reference.c", "-lm"], check=True)
+        code = ctypes.CDLL(str(library))
+        rhs = ctypes.c_void_p(system.native.rhs.address)
+        context = ctypes.c_void_p(system.native.context)
+
+        def ours() -> None:
+            code.repeat(REPEAT, len(x), 261, rhs, _pointer(x), _pointer(dx), context)
+
+        def by_hand() -> None:
+            code.repeat_by_hand(REPEAT, len(y), 261, _pointer(y), _pointer(gain), _pointer(coef), _pointer(dy))
+
+        return tuple(1e6 * min(_seconds(run) for _ in range(5)) / REPEAT for run in (ours, by_hand))  # type: ignore[return-value]
+
+
+def _seconds(run: Any) -> float:
+    start = time.perf_counter()
+    run()
+    return time.perf_counter() - start
+
+
+def run_time(system: Any, method: str) -> tuple[float, int]:
+    """Wall seconds (best of two) and steps of one second of the balanced engine."""
+    best, steps = np.inf, 0
+    for _ in range(2):
+        start = time.perf_counter()
+        run = system.simulate("balanced", method=method)
+        best, steps = min(best, time.perf_counter() - start), run.statistics.steps
+    return best, steps
+
+
+def main() -> None:
+    path = ROOT / "models" / "engine.bg"
+    cold, warm = start_times(path, "Engine")
+    print(f"text to machine code     {cold:8.2f} s   again with a warm cache {warm:.2f} s")
+    system = bgdsl.load(path, model="Engine").compile()
+    if shutil.which("gcc"):
+        ours, by_hand = rhs_times(system)
+        print(f"right-hand side          {ours:8.2f} us  by hand in C {by_hand:.2f} us   ratio {ours / by_hand:.2f}")
+    default, steps = run_time(system, "cvode-bdf")
+    print(f"1 s balanced, cvode-bdf  {default:8.2f} s   {steps} steps   {1 / default:.1f} times real time")
+    adams, steps = run_time(system, "vode-adams")
+    print(f"1 s balanced, vode-adams {adams:8.2f} s   {steps} steps   {adams / default:.1f} times slower")
+    ideal, steps = run_time(bgdsl.load(ROOT / "models" / "engine_ideal.bg").compile(), "cvode-bdf")
+    print(f"1 s, ideal joints        {ideal:8.2f} s   {steps} steps   {default / ideal:.1f} times faster than with springs")
+
+
+if __name__ == "__main__":
+    main()

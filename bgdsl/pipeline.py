@@ -308,7 +308,7 @@ def check_source(
     except BgError:
         return _distinct(report)
     names: Sequence[str | None] = [model] if model is not None or overrides else [item.name for item in library.models()]
-    for name in names or [None]:
+    for name in names:
         own = Reporter()
         try:
             if name is not None and not overrides and is_part(library, name):

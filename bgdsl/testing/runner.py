@@ -107,7 +107,7 @@ class _Context:
             option = {"for": "stop"}.get(name, name)
             given = value.value if isinstance(value, ast.String) else self.value(value)
             options[option] = given
-        return model.compile().simulate(experiment=statement.experiment, keep_states=True, **options)
+        return model.compile().simulate(experiment=statement.experiment, **options)
 
     # ------------------------------------------------------------------------------------------------- assertions
 

@@ -153,9 +153,7 @@ def one_way_law(story: Story, report: Reporter, term: Term, value: int, steps: S
         f"this cannot be solved for the {wanted}",
         others=story.places((step.term for step in steps), "this takes part", law.origin.span),
         notes=story.sentences(steps),
-        helps=[
-            f"let something else set {story.variable(term.junction)}: a parasitic {'I' if gives == 'effort' else 'C'} there, for instance"
-        ],
+        helps=[f"put `{element.name}` on a {junction}-junction whose {wanted} something else sets: {giver}"],
     )
 
 

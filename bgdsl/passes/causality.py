@@ -79,6 +79,8 @@ class _Scap:
         for j, at in enumerate(self.scalar.terms_at):
             if not at:
                 self.free_junction(j)
+            elif len(at) == 1:
+                self.state.set(at[0], 1, Reason("last"))
         self.follow()
 
     def sources(self) -> Iterator[tuple[Term, int, Reason]]:

@@ -34,6 +34,11 @@ class Kind:
     modulated: bool = False
     dual: str = ""
 
+    @property
+    def article(self) -> str:
+        """The indefinite article as the name is spoken: a C, an R."""
+        return "an" if self.name[0] in "EIMRS" else "a"
+
 
 KINDS: Mapping[str, Kind] = {
     kind.name: kind

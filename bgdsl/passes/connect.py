@@ -302,10 +302,10 @@ def _element_port(part: ElementPart, named: str | None, role: Role, reference: a
     if kind.inward and role == "tail":
         raise Fault(
             REVERSED,
-            f"power runs into a {kind.name}: a bond cannot leave `{part.member.name}`",
+            f"power runs into {kind.article} {kind.name}: a bond cannot leave `{part.member.name}`",
             reference.span,
             "the bond leaves it",
-            others=[(part.member.span, f"a {kind.name}")],
+            others=[(part.member.span, f"{kind.article} {kind.name}")],
             helps=(f"swap the ends: `... -> {reference.span.text};`",),
         )
     if not kind.inward and role == "head":

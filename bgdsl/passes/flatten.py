@@ -3,13 +3,14 @@
 Input        Library, the name of a model (or None for its only one), parameters to set
 Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
-Reports      BG216 which model, BG299 nested too deep; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
+Reports      BG216 which model; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
              `connect`, `statements`, `experiments`) report what they find
 """
 
 from __future__ import annotations
 
 import gc
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -32,6 +33,7 @@ from bgdsl.ir.graph import (
 )
 from bgdsl.ir.library import Library
 from bgdsl.passes import connect, laws, statements
+from bgdsl.passes.elaborate import RECURSIVE
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.instantiate import expand, make_part
 from bgdsl.passes.names import Member, Names, Resolved
@@ -51,7 +53,8 @@ from bgdsl.source import Span
 from bgdsl.syntax import ast
 
 WHICH_MODEL = Code("BG216", "it is not clear which model is meant")
-TOO_DEEP = Code("BG299", "an expression or model is nested too deep")
+
+DEPTH = 20_000
 
 Override = float | bool | str | tuple[Any, ...]
 
@@ -69,10 +72,10 @@ def flatten(
         names.file_scope(module)
     node = choose_model(library, model, report)
     try:
-        with _without_collection():
+        with _undisturbed():
             return _flatten(library, node, names, report, dict(overrides or {}), part)
     except RecursionError:
-        report.fail(TOO_DEEP, "an expression or a chain of models is nested too deep", _head(node.span), "in this model")
+        report.fail(RECURSIVE, "functions or constants call each other too deep", _head(node.span), "in this model")
 
 
 def is_part(library: Library, name: str) -> bool:
@@ -91,13 +94,16 @@ def _is_open(member: Member) -> bool:
 
 
 @contextmanager
-def _without_collection() -> Iterator[None]:
-    """Nothing made here is garbage before the end; searching for cycles in it would take longer than making it."""
-    enabled = gc.isenabled()
+def _undisturbed() -> Iterator[None]:
+    """Nothing made here is garbage before the end; searching for cycles in it would take longer than making it. Expressions as
+    deep as the parser lets through, in functions that call functions, want more frames than Python's usual thousand."""
+    enabled, limit = gc.isenabled(), sys.getrecursionlimit()
     gc.disable()
+    sys.setrecursionlimit(max(limit, DEPTH))
     try:
         yield
     finally:
+        sys.setrecursionlimit(limit)
         if enabled:
             gc.enable()
 
@@ -191,7 +197,8 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     expand(root)
     for instance in build.instances:
         statements.walk(instance, lines)
-    connect.check_connected(build, root)
+    if not report.errors:  # else bonds may be missing that were written
+        connect.check_connected(build, root)
     for instance in build.instances:
         if instance.cls.is_element:
             list(statements.ports_of(instance))
@@ -210,6 +217,8 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
         for item, _ in build.parts:
             if isinstance(item, ElementPart):
                 laws.check_numbers(build, item)
+    report.stop_if_errors()
+    if not part:
         connect.warn_single(
             build, (item for item, owner in build.parts if isinstance(item, JunctionPart) and not (item.open and owner is root)), bonds
         )
@@ -323,6 +332,7 @@ def _elements(build: Build, lines: statements.Lines) -> tuple[Element, ...]:
 def _signals(build: Build, lines: statements.Lines) -> tuple[Signal, ...]:
     read = statements.names_read([*lines.equations, *lines.initial, *build.extra])
     made: list[Signal] = []
+    undefined: list[tuple[SignalPart, Signal]] = []
     for part, owner in build.parts:
         if not isinstance(part, SignalPart):
             continue
@@ -335,8 +345,11 @@ def _signals(build: Build, lines: statements.Lines) -> tuple[Signal, ...]:
             continue
         except Reported:
             continue
-        statements.check_defined(part, signal, read, lines, build)
+        if not build.report.errors:  # else its equation may be among those that failed
+            undefined.append((part, signal))
         made.append(signal)
+    for part, signal in undefined:
+        statements.check_defined(part, signal, read, lines, build)
     made += [Signal(name, (size,), "algebraic", origin) for name, size, origin in build.solved]
     return tuple(made)
 

@@ -224,16 +224,16 @@ def _redeclared(build: Build, member: Member, node: ast.Redeclaration, author: C
     if id(node) not in build.redeclared:
         build.redeclared[id(node)] = (node, build.names.resolve(node.type.name, author.scope))
         new = build.redeclared[id(node)][1]
-        if new is not None:
-            _check_redeclared(build, member, new, node)
+        if new is not None and not _check_redeclared(build, member, new, node):
+            build.redeclared[id(node)] = (node, None)
     new = build.redeclared[id(node)][1]
     if new is None:
         raise Reported
     return new
 
 
-def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Redeclaration) -> None:
-    """The new class has to be of the old one's kind, with its ports and open junctions."""
+def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Redeclaration) -> bool:
+    """Whether the new class is of the old one's kind, with its ports and open junctions."""
 
     def misfit(message: str, *others: tuple[Span, str]) -> Fault:
         return Fault(REDECLARED, message, node.type.span, "the new class", others=((member.span, "declared here"), *others))
@@ -241,17 +241,20 @@ def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Red
     old = member.type
     if isinstance(old.node, ast.Model) != isinstance(new.node, ast.Model) or describe(old) != describe(new):
         build.fault(misfit(f"`{member.name}` is {describe(old)}, `{new.name}` is {describe(new)}"))
-        return
+        return False
     before = build.names.make(old) if isinstance(old.node, ast.Model) else None
     after = build.names.make(new) if isinstance(new.node, ast.Model) else None
     if before is None or after is None:
-        return
+        return True
+    fits = True
     for name, part in before.members.items():
         role = part.prefixes & {"port in", "port out", "open"}
         there = after.members.get(name)
         if role and (there is None or not role <= there.prefixes):
             what = f"`{next(iter(role))}` `{name}`"
             build.fault(misfit(f"`{after.name}` lacks {what} of `{before.name}`", (part.span, "the old class has it")))
+            fits = False
+    return fits
 
 
 def _allow(member: Member, prefixes: set[str], what: str) -> None:

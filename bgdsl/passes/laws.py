@@ -104,6 +104,8 @@ def _given(part: ElementPart) -> tuple[str, Claim]:
         if found:
             inner = entry.nested[found[0]]
             return found[0], (inner, author, () if inner.each else index)
+    if any(name not in _TARGETS[kind.name] for entry, _, _ in part.claims for name in entry.nested):
+        raise Reported  # what was meant to be the value has another name
     wanted = " or ".join(f"`{name} = ...`" for name in kind.parameters)
     law = LAWS.get(kind.name)
     raise Fault(

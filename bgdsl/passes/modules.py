@@ -3,7 +3,7 @@
 Input        Source    the main file, and the folders where imports are looked for after the importing file's own
 Output       Library   every file read, once each; what each import points to
 Establishes  every import of a listed module names a module of the library and a class defined in it; imports make no cycle
-Reports      BG201 file not found, BG202 import cycle, BG203 no such class in the file, BG204 unreadable file
+Reports      BG201 file not found or not readable, BG202 import cycle, BG203 no such class in the file
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ from bgdsl.ir.library import Imported, Library, Module
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 
-NOT_FOUND = Code("BG201", "an imported file is not found")
+NOT_FOUND = Code("BG201", "an imported file cannot be read")
 CYCLE = Code("BG202", "files import each other in a circle")
 NO_SUCH_CLASS = Code("BG203", "an imported class does not exist")
-UNREADABLE = Code("BG204", "a file cannot be read")
 
 Parse = Callable[[Source, Reporter], ast.File]
 
@@ -85,7 +84,7 @@ class _Loader:
         try:
             return Source(_shown(path), path.read_bytes().decode("utf-8"), path)
         except (OSError, UnicodeDecodeError) as problem:
-            self.report.add(UNREADABLE, f"`{_shown(path)}` cannot be read: {problem}", span, "imported here")
+            self.report.add(NOT_FOUND, f"`{_shown(path)}` cannot be read: {problem}", span, "imported here")
             return None
 
     def load(self, source: Source) -> Module:

@@ -4,7 +4,7 @@ Input        ParameterPart
 Output       the same with `values`, `low`, `high`, `unit`; finally `ir.graph.Parameter`
 Establishes  values read other parameters only, and no parameter depends on itself
 Reports      BG240 no value, BG241 circle, BG242 out of bounds, BG243 a parameter reads a variable, BG244 wrong type of value,
-             BG283 unknown override
+             BG220 unknown override
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from bgdsl.passes.instantiate import SIZE, attribute, claimed_value
 from bgdsl.passes.parts import (
     CYCLE,
     NO_VALUE,
+    UNKNOWN_TARGET,
     Build,
     Context,
     Fault,
@@ -47,7 +48,6 @@ from bgdsl.syntax import ast
 BOUNDS = Code("BG242", "a parameter is out of its bounds")
 VARIABLE = Code("BG243", "a parameter reads a variable")
 TYPE = Code("BG244", "a value is of the wrong type or size")
-OVERRIDE = Code("BG283", "a parameter to be set does not exist")
 
 
 def evaluate_parameter(build: Build, part: ParameterPart) -> None:
@@ -325,7 +325,7 @@ def _check_overrides(build: Build, span: Span) -> None:
     known = [*build.parameters]
     for name in build.overrides:
         if name not in build.used:
-            build.report.add(OVERRIDE, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known))
+            build.report.add(UNKNOWN_TARGET, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known))
 
 
 def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:

@@ -165,15 +165,27 @@ def parameter_values(graph: BondGraph, changes: Mapping[str, float] | None = Non
 def settle(scalar: ScalarGraph, decision: Decision) -> Decision:
     """The decision made consistent: chains through two-bond junctions go whole, elements of which something is needed stay as observers."""
     dropped = set(decision.dropped)
+    kept = list(decision.kept)
     read = owners(read_names(scalar.graph))
     for chain in chains(scalar):
-        last = scalar.terms[chain[-1]]
-        if len(chain) > 2 and chain[0] in dropped and (chain[-1] in dropped or (last.other is None and last.element not in read)):
+        if len(chain) == 2 or chain[0] not in dropped or chain[-1] not in dropped:
+            continue
+        inner = {scalar.terms[t].junction for t in chain[1:-1]}
+        if all(_can_go(scalar, j, read) for j in inner):
             dropped.update(chain)
+        else:  # two sources would meet there and leave it undetermined
+            dropped.discard(chain[-1])
+            kept.append(Kept(chain[-1], "what lies between it and the other inactive end is needed"))
     touched = {scalar.terms[t].element for t in dropped if scalar.terms[t].other is None}
     acting = {term.element for term in scalar.terms if term.other is None and term.index not in dropped}
     observers = frozenset(name for name in touched & (acting | read) if name is not None)
-    return replace(decision, dropped=frozenset(dropped), observers=observers)
+    return replace(decision, dropped=frozenset(dropped), kept=tuple(kept), observers=observers)
+
+
+def _can_go(scalar: ScalarGraph, j: int, read: frozenset[str]) -> bool:
+    """Can a two-term junction be left out with its two terms?"""
+    members = scalar.junctions[j].members
+    return len(members) <= 1 and all(name not in read for name, _ in members)
 
 
 def chains(scalar: ScalarGraph) -> Iterator[tuple[int, ...]]:

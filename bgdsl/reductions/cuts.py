@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from bgdsl.ir.graph import Bond, BondGraph, End, Junction, Origin
+from bgdsl.ir.graph import Bond, BondGraph, Element, End, Junction, Origin
+from bgdsl.reductions.condition import parameter_values
 from bgdsl.reductions.plan import Action, Cut, Removal
 from bgdsl.reductions.source_map import ClassText, Place, SourceMap, UnwritableError, written
 from bgdsl.reductions.statements import ClassEdits, Link, LinkEdit
@@ -38,6 +39,7 @@ class Spot:
     place: Place
     turn: tuple[int, ...]
     link: Link
+    key: tuple[object, ...]
 
     @property
     def env(self) -> dict[str, int]:
@@ -65,13 +67,16 @@ class Writer:
         self.graph: BondGraph = texts.graph
         self.junctions = {junction.name: junction for junction in self.graph.junctions}
         self.edits: dict[tuple[str, tuple[int, int]], ClassEdits] = {}
-        self.turns: dict[tuple[str, int], list[tuple[int, ...]]] = {}
+        self.numbers = parameter_values(self.graph)
+        self.looped: dict[str, list[Origin]] = {}
+        self.widths: dict[tuple[object, ...], int] = {}
         for bond in self.graph.bonds:
             for origin in bond.origins:
+                key = origin_key(origin)
+                width = bond.width if origin.part is None else max(origin.part) + 1
+                self.widths[key] = max(width, self.widths.get(key, 0))
                 if origin.loop:
-                    turns = self.turns.setdefault((origin.path, origin.span.start), [])
-                    if origin.loop not in turns[-1:]:
-                        turns.append(origin.loop)
+                    self.looped.setdefault(origin.path, []).append(origin)
 
     def of(self, path: str, unit: ClassText) -> ClassEdits:
         """The edits of one class text as one instance needs it."""
@@ -97,33 +102,30 @@ class Writer:
         place = self.texts.place(unit, origin.span) if unit else None
         if unit is None or place is None or origin.link is None:
             raise UnwritableError(terms, f"the statement of bond `{bond.name}` was not found")
-        return Spot(origin.path, unit, place, origin.loop, origin.link)
+        return Spot(origin.path, unit, place, origin.loop, origin.link, origin_key(origin))
 
     def edit(self, spot: Spot) -> LinkEdit:
         """The edit of a link, ready to be filled."""
         edits = self.of(spot.path, spot.unit)
         statement = spot.place.statement
-        if spot.place.loops:
-            edits.turns[id(statement)] = sorted(set(self.turns[spot.path, statement.span.start]))
+        if spot.place.loops and id(statement) not in edits.turns:
+            own = statement.span
+            found = (o for o in self.looped[spot.path] if o.span.source is own.source and own.start <= o.span.start < own.end)
+            edits.turns[id(statement)] = list(dict.fromkeys(origin.loop for origin in found))
         return edits.link(spot.place, spot.turn, spot.link)
+
+    def remove_junction(self, name: str) -> None:
+        """Remove the declaration of a junction without bonds; one of an array stays."""
+        path, _, local = name.rpartition(".")
+        found = self.texts.member(path, local)
+        if found is not None:
+            self.of(path, found[0]).remove(found[2])
 
     def junction(self, end: End) -> Junction | None:
         return self.junctions.get(end.node)
 
 
 # --------------------------------------------------------------------------------------------------------------- parts
-
-
-def part(reference: str, node_is_vector: bool, own: Sequence[int] | None, positions: Sequence[int], width: int) -> str:
-    """The text of some components of a bond's end: `own` are those (from 0) that the whole end stands for."""
-    if not node_is_vector or (own is None and len(positions) == width):
-        return reference
-    chosen = [own[i] if own is not None else i for i in positions]
-    base = reference
-    if own is not None:
-        base = reference[: reference.rindex("[")]
-    first, last = chosen[0] + 1, chosen[-1] + 1
-    return f"{base}[{first}]" if len(chosen) == 1 else f"{base}[{first}:{last}]"
 
 
 def runs(actions: Sequence[Action | None]) -> Iterator[tuple[Action | None, list[int]]]:
@@ -148,7 +150,17 @@ class Side:
 
     def of(self, positions: Sequence[int]) -> str:
         """The text of some of the link's components."""
-        return part(self.text, self.vector, self.own, positions, self.width)
+        if not self.splits or (self.own is None and len(positions) == self.width):
+            return self.text
+        chosen = [i if self.own is None else self.own[i] for i in positions]
+        base = self.text if self.own is None else self.text[: self.text.rindex("[")]
+        first, last = chosen[0] + 1, chosen[-1] + 1
+        return f"{base}[{first}]" if len(chosen) == 1 else f"{base}[{first}:{last}]"
+
+    @property
+    def splits(self) -> bool:
+        """Does it stand for components that can be named one by one?"""
+        return self.vector
 
     def variable(self, letter: str, positions: Sequence[int]) -> str:
         """The text of a variable of those components."""
@@ -159,85 +171,129 @@ class Side:
         return f"{base}.{letter}[{subscripts}"
 
 
-def side(writer: Writer, spot: Spot, reference: ast.Reference, bond: Bond, end: End | None) -> Side:
-    """How one end of a link is written. end: the flat end that it names; None where it names a port that was fused away."""
+def side(writer: Writer, spot: Spot, reference: ast.Reference, width: int, kind: int | None, terms: tuple[int, ...]) -> Side:
+    """How one end of a link is written. kind: of the junction that it names, None for a port or an element."""
+    last = reference.parts[-1]
     text = written(reference, spot.env)
-    subscripts = reference.parts[-1].subscripts
-    if end is not None:
-        indexed = end.node.endswith("]")
-        own = end.components if len(subscripts) > (1 if indexed else 0) else None
-        junction = writer.junction(end)
-        vector = junction.size is not None if junction else spot.vector
-        return Side(text, own, vector, bond.width, junction.kind if junction else None)
-    if spot.vector and subscripts and isinstance(subscripts[-1], ast.Range):
-        first = _integer(subscripts[-1].start)
-        if first is not None:
-            return Side(text, tuple(range(first - 1, first - 1 + bond.width)), True, bond.width, None)
-    return Side(text, None, spot.vector, bond.width, None)
+    extra = last.subscripts[_array_dims(writer, spot, reference) :]
+    if not extra:
+        return Side(text, None, spot.vector, width, kind)
+    chosen = _indices(writer, spot, extra[0], width)
+    if chosen is None or len(extra) > 1:
+        raise UnwritableError(terms, f"the subscript of `{text}` is not a plain number or range")
+    return Side(text, chosen, True, width, kind)
 
 
-def _integer(expression: ast.Expression) -> int | None:
-    return int(expression.value) if isinstance(expression, ast.Number) else None
+def _array_dims(writer: Writer, spot: Spot, reference: ast.Reference) -> int:
+    """How many of the last part's subscripts choose an element of an array of components."""
+    path = spot.path
+    for part in reference.parts[:-1]:
+        indices = [integer(writer, spot, subscript) for subscript in part.subscripts]
+        shown = f"[{','.join(map(str, indices))}]" if indices else ""
+        path = f"{path}.{part.name}{shown}" if path else f"{part.name}{shown}"
+    found = writer.texts.member(path, reference.parts[-1].name) if path in writer.texts.instances else None
+    return len(found[2].dims) if found else 0
 
 
-def sides(writer: Writer, spot: Spot, bond: Bond) -> tuple[Side, Side]:
+def _indices(writer: Writer, spot: Spot, subscript: ast.Expression, width: int) -> tuple[int, ...] | None:
+    match subscript:
+        case ast.Colon():
+            return tuple(range(width))
+        case ast.Range(step=None):
+            first = integer(writer, spot, subscript.start)
+            return None if first is None else tuple(range(first - 1, first - 1 + width))
+        case _:
+            one = integer(writer, spot, subscript)
+            return None if one is None else (one - 1,)
+
+
+def integer(writer: Writer, spot: Spot, expression: ast.Expression) -> int | None:
+    """The value of a subscript made of numbers, iterators, integer parameters and their sums, differences and products."""
+    match expression:
+        case ast.Number() if expression.is_integer:
+            return int(expression.value)
+        case ast.Reference(parts=(ast.Part(name=name, subscripts=()),)):
+            value = spot.env.get(name, writer.numbers.get(f"{spot.path}.{name}" if spot.path else name))
+            return None if value is None else int(value)
+        case ast.Binary(operator="+" | "-" | "*" as operator):
+            left, right = integer(writer, spot, expression.left), integer(writer, spot, expression.right)
+            if left is None or right is None:
+                return None
+            return left + right if operator == "+" else left - right if operator == "-" else left * right
+    return None
+
+
+def sides(writer: Writer, spot: Spot, bond: Bond, terms: tuple[int, ...]) -> tuple[Side, Side]:
     """The tail and head of a link of `bond`, with the junctions that earlier changes put before matrix ports."""
     edit = writer.edit(spot)
-    at_tail = bond.tail if _is(spot, bond.origins[0]) else None
-    at_head = bond.head if _is(spot, bond.origins[-1]) else None
-    tail, head = side(writer, spot, spot.tail, bond, at_tail), side(writer, spot, spot.head, bond, at_head)
+    first, last = spot.key == origin_key(bond.origins[0]), spot.key == origin_key(bond.origins[-1])
+    tail_junction = writer.junction(bond.tail) if first else None
+    head_junction = writer.junction(bond.head) if last else None
+    width = writer.widths[spot.key]
+    tail = side(writer, spot, spot.tail, width, tail_junction.kind if tail_junction else None, terms)
+    head = side(writer, spot, spot.head, width, head_junction.kind if head_junction else None, terms)
     if edit.tail is not None:
-        tail = Side(edit.tail, None, tail.vector, tail.width, edit.tail_kind)
+        tail = Side(edit.tail, None, spot.vector, width, edit.tail_kind)
     if edit.head is not None:
-        head = Side(edit.head, None, head.vector, head.width, edit.head_kind)
+        head = Side(edit.head, None, spot.vector, width, edit.head_kind)
     return tail, head
 
 
-def _is(spot: Spot, origin: Origin) -> bool:
-    return (spot.path, spot.turn, spot.link) == (origin.path, origin.loop, origin.link) and (
-        spot.place.statement.span.start <= origin.span.start < spot.place.statement.span.end
-    )
+def origin_key(origin: Origin) -> tuple[object, ...]:
+    """What tells one link of one turn of one statement in one instance."""
+    return origin.path, id(origin.span.source), origin.span.start, origin.span.end, origin.link, origin.loop
 
 
 # ---------------------------------------------------------------------------------------------------------------- cuts
 
 
-def write_cut(writer: Writer, cut: Cut, comment: Mapping[int, str]) -> None:
-    """Cut the components of a bond that the plan lists. comment: what to say of each term."""
-    bond = cut.bond
-    actions = [cut.actions.get(c) for c in range(bond.width)]
-    if len(bond.origins) == 1:
-        _write_at(writer, cut, bond.origins[0], actions, comment)
-        return
-    first = [action if action != "head" else None for action in actions]
-    last = [action if action == "head" else None for action in actions]
-    if any(first):
-        _write_at(writer, cut, bond.origins[0], first, comment)
-    if any(last):
-        _write_at(writer, cut, bond.origins[-1], last, comment)
+@dataclass(slots=True)
+class _Request:
+    """What is to be cut in one link: by its component, the action and the terms at (tail, head)."""
+
+    bond: Bond
+    origin: Origin
+    actions: dict[int, Action]
+    terms: dict[int, tuple[int, int]]
 
 
-def _write_at(writer: Writer, cut: Cut, origin: Origin, actions: Sequence[Action | None], comment: Mapping[int, str]) -> None:
-    bond = cut.bond
-    terms = tuple(t for c, pair in cut.terms.items() if actions[c] for t in pair)
-    spot = writer.spot(origin, bond, terms)
-    tail, head = sides(writer, spot, bond)
+def write_cuts(writer: Writer, cuts: Sequence[Cut], comment: Mapping[int, str]) -> None:
+    """Cut the components of bonds that the plan lists. comment: what to say of each term."""
+    requests: dict[tuple[object, ...], _Request] = {}
+    for cut in cuts:
+        for component, action in cut.actions.items():
+            origin = cut.bond.origins[-1 if action == "head" else 0]
+            request = requests.setdefault(origin_key(origin), _Request(cut.bond, origin, {}, {}))
+            position = component if origin.part is None else origin.part[component]
+            request.actions[position] = action
+            request.terms[position] = cut.terms[component]
+    for request in requests.values():
+        _write_request(writer, request, comment)
+
+
+def _write_request(writer: Writer, request: _Request, comment: Mapping[int, str]) -> None:
+    bond = request.bond
+    terms = tuple(t for pair in request.terms.values() for t in pair)
+    spot = writer.spot(request.origin, bond, terms)
+    tail, head = sides(writer, spot, bond, terms)
     edit, edits = writer.edit(spot), writer.of(spot.path, spot.unit)
+    direct = len(bond.origins) == 1
     pieces: list[str] = []
-    for action, positions in runs(actions):
+    for action, positions in runs([request.actions.get(i) for i in range(tail.width)]):
         at_tail, at_head = tail.of(positions), head.of(positions)
-        sign = "=>" if spot.vector and (len(positions) > 1 or not tail.vector) else "->"
+        sign = "=>" if spot.vector and (len(positions) > 1 or not tail.splits) else "->"
         if action is None:
             pieces.append(f"{at_tail} {sign} {at_head}")
             continue
-        edit.comments.append(_comment(cut, positions, comment))
-        if action == "both" and len(bond.origins) == 1:
+        told = [comment[t] for i in positions for t in request.terms[i] if _lost(request, i, t)]
+        edit.comments += [line for line in dict.fromkeys(told) if line not in edit.comments]
+        if action == "both" and direct:
             continue
         near = head if action == "head" else tail
         if near.kind is None:
             raise UnwritableError(terms, "the junction of a matrix port cannot be read here")
         dims = f"[{len(positions)}]" if sign == "=>" else ""
-        suffix = "" if len(positions) == bond.width else "_" + "_".join(str(p + 1) for p in positions)
+        suffix = "" if len(positions) == tail.width else "_" + "_".join(str(i + 1) for i in positions)
         name = edits.fresh(_bond_text(spot) + suffix)
         kind, letter = SOURCE_OF[near.kind]
         value = near.variable(letter, positions)
@@ -258,14 +314,15 @@ def _write_at(writer: Writer, cut: Cut, origin: Origin, actions: Sequence[Action
     edit.pieces = pieces
 
 
+def _lost(request: _Request, position: int, term: int) -> bool:
+    tail, _ = request.terms[position]
+    action = request.actions[position]
+    return action == "both" or (action == "tail") == (term == tail)
+
+
 def _bond_text(spot: Spot) -> str:
     name = spot.place.statement.name
     return f"{name}_cut" if name else f"{written(spot.tail, spot.env)}_{written(spot.head, spot.env)}"
-
-
-def _comment(cut: Cut, positions: Sequence[int], comment: Mapping[int, str]) -> str:
-    told = [comment[t] for p in positions for t in cut.terms[p] if t in comment]
-    return "; ".join(dict.fromkeys(told))
 
 
 # ------------------------------------------------------------------------------------------------------------ removals
@@ -278,34 +335,43 @@ def write_removal(writer: Writer, removal: Removal, bonds: PortBonds, comment: M
     found = writer.texts.member(path, name.partition("[")[0])
     if found is None or "[" in name:
         raise UnwritableError(removal.terms, f"`{element.name}` is one of an array")
-    unit, declaration, declarator = found
-    touched = {id(bond): bond for k, port in enumerate(element.ports) for i in range(port.width) for bond, _ in [bonds[element.name, k, i]]}
+    unit, _, declarator = found
+    touched = element_links(element, bonds)
     told = "; ".join(dict.fromkeys(comment[t] for t in removal.terms))
     if removal.gone:
         writer.of(path, unit).remove(declarator)
     elif len(removal.terms) != sum(port.width for port in element.ports):
         raise UnwritableError(removal.terms, f"`{element.name}` is needed, and only a part of it is inactive")
-    for bond in touched.values():
+    for bond in touched:
         _unbond(writer, removal, bond, told)
-    del declaration
+
+
+def element_links(element: Element, bonds: PortBonds) -> list[Bond]:
+    """One flat bond for each statement's link that ends at the element (several where a port outside is bonded in parts)."""
+    found: dict[tuple[object, ...], Bond] = {}
+    for k, port in enumerate(element.ports):
+        for i in range(port.width):
+            bond = bonds[element.name, k, i][0]
+            at_head = bond.head.node == element.name and bond.head.port == k
+            found.setdefault((k, origin_key(bond.origins[-1 if at_head else 0])), bond)
+    return list(found.values())
 
 
 def _unbond(writer: Writer, removal: Removal, bond: Bond, told: str) -> None:
     """Take the bond between an element and its junction away; through ports, or for an observer, leave what they need."""
     at_head = bond.head.node == removal.element.name
     spot = writer.spot(bond.origins[-1 if at_head else 0], bond, removal.terms)
-    far_end = bond.tail if at_head else bond.head
-    junction = writer.junction(far_end)
+    junction = writer.junction(bond.tail if at_head else bond.head)
     if junction is None:
         raise UnwritableError(removal.terms, f"`{removal.element.name}` is bonded to another element")
     direct = len(bond.origins) == 1
+    tail, head = sides(writer, spot, bond, removal.terms)
+    far, own = (tail, head.text) if at_head else (head, tail.text)
     edit, edits = writer.edit(spot), writer.of(spot.path, spot.unit)
     edit.comments.append(told)
     sign = "=>" if spot.vector else "->"
-    dims = f"[{bond.width}]" if spot.vector else ""
-    far = side(writer, spot, spot.tail if at_head else spot.head, bond, far_end if direct else None)
-    everything = list(range(bond.width))
-    own = written(spot.head if at_head else spot.tail, spot.env)
+    dims = f"[{far.width}]" if spot.vector else ""
+    everything = list(range(far.width))
     kind, letter = SOURCE_OF[junction.kind]
     edit.pieces = []
     node = ""

@@ -73,6 +73,8 @@ class Plan:
     cuts: tuple[Cut, ...]
     splits: tuple[Split, ...]
     removals: tuple[Removal, ...]
+    junctions: tuple[str, ...]
+    """Junctions that lost all their terms."""
 
     @property
     def empty(self) -> bool:
@@ -87,7 +89,16 @@ def plan(scalar: ScalarGraph, decision: Decision) -> Plan:
         _cuts(scalar, decision, [t for t in touched if t.other is not None and not t.is_two_port]),
         _splits(scalar, decision, {t.element for t in touched if t.is_two_port}),
         _removals(graph, decision, [t for t in touched if t.other is None]),
+        _bare(scalar, decision),
     )
+
+
+def _bare(scalar: ScalarGraph, decision: Decision) -> tuple[str, ...]:
+    left: dict[str, bool] = defaultdict(lambda: True)
+    for junction, at in zip(scalar.junctions, scalar.terms_at, strict=True):
+        for name, _ in junction.members:
+            left[name] = left[name] and bool(at) and all(t in decision.dropped for t in at)
+    return tuple(junction.name for junction in scalar.graph.junctions if left[junction.name])
 
 
 def _cuts(scalar: ScalarGraph, decision: Decision, touched: list[Term]) -> tuple[Cut, ...]:

@@ -18,7 +18,7 @@ from bgdsl.ir.library import Library
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
-from bgdsl.reductions.cuts import PortBonds, Writer, write_cut, write_removal
+from bgdsl.reductions.cuts import PortBonds, Writer, write_cuts, write_removal
 from bgdsl.reductions.documents import document
 from bgdsl.reductions.plan import Plan, plan
 from bgdsl.reductions.source_map import SourceMap, UnwritableError
@@ -108,17 +108,20 @@ def _written(
     for split in task.splits:
         write_split(writer, split, bonds, kinds, comments, read)
         terms[split.element.origin.path] += [t for e in split.entries for t in e.terms]
+    write_cuts(writer, task.cuts, comments)
     for cut in task.cuts:
-        write_cut(writer, cut, comments)
         for origin in (cut.bond.origins[0], cut.bond.origins[-1]):
             terms[origin.path] += [t for pair in cut.terms.values() for t in pair]
     for removal in task.removals:
         write_removal(writer, removal, bonds, comments)
         terms[removal.element.origin.path] += removal.terms
+    for name in task.junctions:
+        writer.remove_junction(name)
     variants = specialise(texts, writer.edits, terms)
     text = document(texts, variants, provenance.annotation(), folder, more)
     specialised = {v.name: v.unit.model.name for v in variants if v.renamed}
-    forward = {removal.element.name: None for removal in task.removals if removal.gone}
+    forward: dict[str, str | None] = {removal.element.name: None for removal in task.removals if removal.gone}
+    forward |= dict.fromkeys(task.junctions)
     return Rewrite(text, _changes(scalar, task, comments), forward, specialised, dict(taken_back))
 
 

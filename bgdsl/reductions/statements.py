@@ -94,7 +94,7 @@ class ClassEdits:
             edits.append(self._insertion(model))
         for place, turns in self.links.values():
             edits += self._statement(place, turns)
-        return tuple(sorted(edits, key=lambda edit: (edit.span.start, edit.span.end)))
+        return _apart(sorted(edits, key=lambda edit: (edit.span.start, edit.span.end)))
 
     def _insertion(self, model: ast.Model) -> Edit:
         """New declarations, before the first section."""
@@ -185,6 +185,17 @@ def _replacement(span: Span, lines: Sequence[str]) -> Edit:
         end += len(rest) - len(rest.lstrip())
         new = f"{new}\n{indent}"
     return Edit(Span(source, start, end), new)
+
+
+def _apart(edits: Sequence[Edit]) -> tuple[Edit, ...]:
+    """Edits in order, where neighbours do not both take the blanks between them."""
+    apart: list[Edit] = []
+    for edit in edits:
+        if apart and edit.span.start < apart[-1].span.end:
+            before = apart.pop()
+            apart.append(Edit(Span(before.span.source, before.span.start, edit.span.start), before.text.rstrip()))
+        apart.append(edit)
+    return tuple(apart)
 
 
 def _without(item: ast.Declaration, removed: set[int]) -> list[Edit]:

@@ -101,11 +101,11 @@ def _port(
 ) -> _Port:
     port = element.ports[k]
     bond = bonds[element.name, k, 0][0]
-    if any(bonds[element.name, k, i][0] is not bond for i in range(port.width)):
-        raise UnwritableError(terms, f"the parts of a port of `{element.name}` are bonded apart")
     at_head = bond.head.node == element.name and bond.head.port == k
     spot = writer.spot(bond.origins[-1 if at_head else 0], bond, terms)
-    tail, head = sides(writer, spot, bond)
+    if writer.widths[spot.key] != port.width:
+        raise UnwritableError(terms, f"the parts of a port of `{element.name}` are bonded apart")
+    tail, head = sides(writer, spot, bond, terms)
     own, neighbour = (head, tail) if at_head else (tail, head)
     side_terms = [entry.terms[k] if len(element.ports) == 2 else entry.terms[0] for entry in split.entries]
     kind = kinds[side_terms[0]]
@@ -176,7 +176,7 @@ def _end(task: _Task, port: _Port, number: int, *, read: bool) -> str:
     letter = "f" if port.kind == 1 else "e"
     if port.neighbour.kind == port.kind:
         edit.pieces = []
-        whole = list(range(port.bond.width))
+        whole = [0]
         return port.neighbour.variable(letter, whole)
     name: str = task.edits.fresh(f"{task.name}_{number}")
     task.edits.declare(f"J{port.kind} {name};")

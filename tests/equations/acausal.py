@@ -107,7 +107,9 @@ def solve_acausal(
         z = z - change
         if np.max(np.abs(change), initial=0.0) < 1e-12 * (1.0 + np.max(np.abs(z), initial=0.0)):
             break
-    assert np.max(np.abs(residual), initial=0.0) < 1e-7 * (1.0 + np.max(np.abs(z), initial=0.0)), "the acausal equations have no solution here"
+    assert np.max(np.abs(residual), initial=0.0) < 1e-7 * (1.0 + np.max(np.abs(z), initial=0.0)), (
+        "the acausal equations have no solution here"
+    )
     return {**states, **dict(zip(names, z.tolist(), strict=True))}
 
 

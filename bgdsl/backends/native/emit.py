@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from bgdsl.backends.native.elimination import Elimination
 from bgdsl.backends.native.layout import Block, Function, Place, lay_out
 from bgdsl.backends.native.numbers import literal
 from bgdsl.backends.native.tables import table_text
 from bgdsl.backends.tape import PARAMETRIC, RELATIONS, LinearSolve, NewtonSolve, Tape
+from bgdsl.expr import Table
 
 CHUNK = 400
 """Operands in one function, about."""
@@ -87,7 +89,7 @@ class _Emitter:
         self.layout = lay_out(tape, chunk)
         self.work = self.layout.work
         self.functions: list[str] = []
-        self.tables: dict[tuple[str, int], str] = {}
+        self.tables: dict[tuple[Any, ...], tuple[str, Table, int]] = {}
         self.inverses: dict[int, int] = {}
         self.fixed = [i for i, k in enumerate(tape.roots) if tape.levels[k] == PARAMETRIC]
         self.listed = [tape.roots[i] for i in self.fixed]
@@ -97,7 +99,7 @@ class _Emitter:
         layout = self.layout
         lines = [line for n, part in enumerate(layout.parts) for line in self.part(n, part)]
         main = self.main(lines)
-        tables = [table_text(name, self.tape.tables[key[0]], key[1]) for key, name in self.tables.items()]
+        tables = [table_text(name, table, order) for name, table, order in self.tables.values()]
         text = "\n".join((_HEAD, *tables, *self.functions, main, ""))
         size = len(self.tape.roots) if self.elimination is None else len(self.elimination.rows)
         return Code(text, size, tuple(self.listed), layout.work_size, tuple(layout.factors))
@@ -121,8 +123,11 @@ class _Emitter:
             tape.levels.append(PARAMETRIC)
         return self.constant(self.inverses[k])
 
-    def table(self, key: tuple[str, int]) -> str:
-        return self.tables.setdefault(key, f"@table_{len(self.tables)}")
+    def table(self, name: str, order: int) -> str:
+        """The function for a table's derivative of some order; tables with the same content share it."""
+        table = self.tape.tables[name]
+        key = (table.x, table.c, table.periodic, order)
+        return self.tables.setdefault(key, (f"@table_{len(self.tables)}", table, order))[0]
 
     # --------------------------------------------------------------------------------------------- functions and main
 
@@ -368,7 +373,7 @@ class _Lines:
         return self.line(f"fneg double {self.value(args[0])}")
 
     def look_up(self, k: int, args: Sequence[int]) -> str:
-        return self.line(f"call double {self.owner.table(self.tape.data[k])}(double {self.value(args[0])})")
+        return self.line(f"call double {self.owner.table(*self.tape.data[k])}(double {self.value(args[0])})")
 
     def call(self, k: int, args: Sequence[int]) -> str:
         op = self.tape.ops[k]

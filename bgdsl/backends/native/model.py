@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *(ctypes.c_void_p,) * 4)
 _CAPACITY = 1 << 15
-LARGE = 40_000
-"""Operations beyond which right sides are compiled without optimisation too."""
+LARGE = 10_000
+"""Operations beyond which code is compiled without LLVM's optimisations: five times as fast to compile, and, measured on the
+engine and on chains, 1.0 to 1.5 times as slow to run."""
 
 
 def build(program: Program) -> NativeModel:

@@ -44,6 +44,7 @@ class Context:
     inputs: str
     bonds: str
     parameters: str
+    fixed: str
     tables: str
     parameter_lines: str
     size: str
@@ -82,6 +83,7 @@ def context(program: Program, source_name: str) -> Context:
         inputs=_records(program.inputs),
         bonds=_records(record for record, _, _ in program.bonds),
         parameters=_defaults(program, defaults),
+        fixed=repr(tuple(p.name for p in program.parameters if p.structural or p.constant)),
         tables=_tables(program, names),
         parameter_lines=_indented(_parameter_lines(program, names), 12),
         size=str(len(program.states)),
@@ -153,7 +155,8 @@ def _defaults(program: Program, values: Sequence[float]) -> str:
 
 
 def _tables(program: Program, names: Names) -> str:
-    return "".join(line for name, table in program.tables.items() for line in _table_lines(names.tables[name], table))
+    first = {python: program.tables[name] for name, python in reversed(list(names.tables.items()))}
+    return "".join(line for python, table in reversed(list(first.items())) for line in _table_lines(python, table))
 
 
 def _table_lines(python: str, table: Table) -> Iterator[str]:

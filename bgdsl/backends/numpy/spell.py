@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bgdsl.backends.numpy.names import Namespace, printable
-from bgdsl.expr import Expr, var
+from bgdsl.expr import Expr, Table, var
 from bgdsl.ir.graph import Origin
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton, Step, needed, read
@@ -65,8 +65,16 @@ class Names:
             for name in _all_names(step):
                 if name not in variables:
                     variables[name] = space.take(name)
-        tables = {name: space.take(f"table_{name}") for name in program.tables}
+        first: dict[Table, str] = {}
+        tables = {
+            name: first.get(table) or first.setdefault(table, space.take(f"table_{name}")) for name, table in contents(program).items()
+        }
         return Names(space, parameters, dict(_fetches(program)), variables, tables)
+
+
+def contents(program: Program) -> Mapping[str, Table]:
+    """The tables without their names: equal ones are written once."""
+    return {name: replace(table, name="") for name, table in program.tables.items()}
 
 
 def _fetches(program: Program) -> Iterator[tuple[str, str]]:
@@ -108,7 +116,7 @@ class Speller:
         self.lines: list[str] = []
         self.texts: dict[Expr, tuple[str, int]] = {}
         self.plain: dict[Expr, bool] = {}
-        self.place: Origin | None = None
+        self.place: tuple[str, str, int] | None = None
         self.defined = {name for step in self.steps for name in _all_names(step)}
         self.counts = self._count()
 
@@ -167,18 +175,25 @@ class Speller:
             self.texts[value] = target, _ATOM
 
     def set(self, target: str, value: Expr, note: str = "") -> None:
-        """Store a value."""
-        self.lines += f"{target} = {self.text(value)}{f'  # {printable(note)}' if note else ''}".split("\n")
+        """Store a value; the note is a comment behind it, or before it where the line is long."""
+        lines = f"{target} = {self.text(value)}".split("\n")
+        if note and len(lines[-1]) + len(note) > WIDTH:
+            self.lines.append(f"# {printable(note)}")
+        elif note:
+            lines[-1] += f"  # {printable(note)}"
+        self.lines += lines
 
     def comment(self, origin: Origin) -> None:
         """The line of the source that what follows comes from, unless it is the one said last."""
-        if not self.comments or (self.place is not None and origin.path == self.place.path and origin.span == self.place.span):
+        if not self.comments:
             return
-        self.place = origin
         span = origin.span
-        line = span.line
+        place = (origin.path, span.source.name, span.line)
+        if place == self.place:
+            return
+        self.place = place
         inside = f" in {origin.path}" if origin.path else ""
-        self.lines += ("", f"# {printable(f'{span.source.name}:{line}{inside}', 160)}: {printable(span.source.line(line))}")
+        self.lines += ("", f"# {printable(f'{span.source.name}:{span.line}{inside}', 160)}: {printable(span.source.line(span.line))}")
 
     def linear(self, step: SolveLinear) -> None:
         n = len(step.variables)

@@ -116,23 +116,23 @@ def test_quarter_car() -> None:
     run = car.native(2.0, "tyre.q", "spring.q", "axle.p", "body.p", points=20000, tolerance=1e-10)
     at_one = [run[name][10000] for name in ("tyre.q", "spring.q", "axle.p", "body.p")]
     assert at_one == pytest.approx((0.026455148, 0.199773012, -39.556441840, -428.036564349), abs=2e-6)
-    stroke = np.asarray(run["spring.q"])
     # the times known were read off a grid: an integration stopped at every kink, at 1e-12, has 1.290335872 and 0.748314873
-    high, low = _extreme(run, np.argmax(stroke)), _extreme(run, np.argmin(stroke))
+    high, low = _extreme(run, "spring.q", np.argmax), _extreme(run, "spring.q", np.argmin)
     assert high == pytest.approx((0.349762739, 1.29032), abs=2e-5)
     assert low == pytest.approx((0.108347868, 0.74833), abs=2e-5)
     assert (high[0], low[0]) == pytest.approx((0.349762742306, 0.108347867284), abs=2e-8)
     assert (high[1], low[1]) == pytest.approx((1.290335872, 0.748314873), abs=1e-6)
     assert np.max(run["tyre.q"]) == pytest.approx(0.070146514, abs=2e-8)
     # the greatest upward speed; downward it reaches 1.3548 (at 1 s, above, it is 428.04/320 already)
-    assert np.max(run["body.p"]) / 320.0 == pytest.approx(0.990676893, abs=1e-7)
+    assert _extreme(run, "body.p", np.argmax)[0] / 320.0 == pytest.approx(0.990676893, abs=1e-8)
 
 
-def _extreme(run, k: int) -> tuple[float, float]:  # type: ignore[no-untyped-def]
-    """The spring's greatest or least length near sample k, and its time: of a parabola through the samples there."""
+def _extreme(run, name: str, which) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+    """The greatest or least value (`which`: np.argmax or np.argmin), and its time: of a parabola through the samples there."""
+    k = int(which(run[name]))
     around = slice(k - 2, k + 3)
     middle = float(run.time[k])
-    a, b, c = np.polyfit(np.asarray(run.time)[around] - middle, np.asarray(run["spring.q"])[around], 2)
+    a, b, c = np.polyfit(np.asarray(run.time)[around] - middle, np.asarray(run[name])[around], 2)
     return float(c - b * b / (4 * a)), middle - float(b / (2 * a))
 
 

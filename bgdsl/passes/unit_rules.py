@@ -1,7 +1,9 @@
 """The unit of an expression from the units of its leaves.
 
-A leaf whose unit nobody declared makes everything it multiplies unknown; nothing is said about unknown units. A small number
-(`2`, `0.5`) is a pure number in products and takes any unit in sums; other numbers (`9.81`, `1e3`) may stand for a quantity.
+A leaf whose unit nobody declared makes everything it multiplies unknown; nothing is said about unknown units. A written number
+may stand for a quantity in products (`9.81*m`, `2*f^2`) and takes any unit in sums, `time` likewise (`sin(3*time)`); only a
+sign (`-1`) is pure.
+Constants are folded into numbers before they come here, so where a constant has a unit every number may stand for a quantity.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from bgdsl.expr import Expr
-from bgdsl.ir.dimensions import NUMBER, SECOND, Unit, agree, over, power, times
+from bgdsl.ir.dimensions import NUMBER, Unit, agree, over, power, times
 
 PURE = Unit(NUMBER.exponents)
 """Stands for a pure number that was written down; told from `NUMBER`, which was declared or follows, by identity."""
@@ -29,11 +31,13 @@ operand should have been dimensionless."""
 @dataclass(slots=True)
 class Rules:
     """`leaf` gives the unit of a parameter or variable by name, None if unknown. `disagree` hears of each wrong node once.
+    `counts`: small written numbers are pure numbers.
 
     Results are kept, so a shared subexpression costs once; `forget` drops them when more has become known.
     """
 
     leaf: Callable[[Expr], Unit | None]
+    counts: bool = True
     disagree: Disagreement | None = None
     known: dict[Expr, Unit | None] = field(default_factory=dict)
 
@@ -58,11 +62,11 @@ class Rules:
         units = [self.known[arg] for arg in node.args]
         match node.op:
             case "const":
-                return PURE if _small(node.data) else None
+                return PURE if self.counts and _bare(node.data) else None
             case "param" | "var":
                 return self.leaf(node)
             case "time":
-                return SECOND
+                return None  # `sin(3*time)` and `f = 0.1*time` are fine: the number carries what is missing
             case "mul":
                 return _product(units[0], units[1], times)
             case "div":
@@ -116,10 +120,9 @@ class Rules:
         return power(base, Fraction(last.data).limit_denominator(1000))
 
 
-def _small(value: float) -> bool:
-    """Whether a written number is a count or a simple fraction, so that no unit can hide in it."""
-    nearest = Fraction(value).limit_denominator(8) if abs(value) <= 8 else None
-    return nearest is not None and abs(float(nearest) - value) <= 1e-12
+def _bare(value: float) -> bool:
+    """Whether a written number is a mere sign, so that no unit can hide in it: in `9.81*m` and in `2*f^2` one does."""
+    return abs(value) == 1.0 or value == 0.0
 
 
 def _product(a: Unit | None, b: Unit | None, combine: Callable[[Unit, Unit], Unit]) -> Unit | None:

@@ -56,7 +56,10 @@ def blocks(number: str) -> list[str]:
     return re.findall(r"^```bg\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("number", sorted(number for number in titles() if number < "BG6"))
+ABOUT_FILES = {"BG108", "BG216"}  # said of a file that cannot be read, and where a command needs a model and the file has none
+
+
+@pytest.mark.parametrize("number", sorted(number for number in titles() if number < "BG6" and number not in ABOUT_FILES))
 def test_the_examples_of_a_page(number: str, tmp_path: Path) -> None:
     examples = blocks(number)
     assert len(examples) >= 1, "a page shows a wrong example, and where there is a cure the corrected one"

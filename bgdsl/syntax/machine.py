@@ -283,6 +283,10 @@ class Machine:
         """Go back to token `index`, where the stack had `height` symbols."""
         self.cut(height)
         self.pending.clear()
+        kinds, texts = self.tokens.kinds, self.tokens.texts
+        for place in range(index, self.index + 1):  # what was read as a name may be a keyword yet
+            if kinds[place] == "NAME":
+                kinds[place] = self.table.words.get(texts[place], "NAME")
         self.index = index - 1
         self.end = self.tokens.starts[index - 1] + len(self.tokens.texts[index - 1]) if index else 0
         self.advance()

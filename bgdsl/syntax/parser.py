@@ -70,8 +70,8 @@ def read_source(path: Path | str, report: Reporter) -> Source:
         before = data[: problem.start].decode("utf-8-sig", "replace")
         shown = Source(name, before + data[problem.start :].decode("utf-8", "replace"), path)
         where = Span(shown, len(before), len(before) + 1)
-        report.fail(errors.NOT_TEXT, f"`{name}` is not UTF-8 text", where, f"byte 0x{data[problem.start]:02x} is not UTF-8")
+        report.fail(errors.UNREADABLE, f"`{name}` is not UTF-8 text", where, f"byte 0x{data[problem.start]:02x} is not UTF-8")
     if "\0" in text:
         at = text.index("\0")
-        report.fail(errors.NOT_TEXT, f"`{name}` is not text", Span(Source(name, text, path), at, at + 1), "a NUL byte")
+        report.fail(errors.UNREADABLE, f"`{name}` is not text", Span(Source(name, text, path), at, at + 1), "a NUL byte")
     return Source(name, text, path)

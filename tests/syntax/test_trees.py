@@ -70,7 +70,7 @@ def scrambled(text: str, rng: random.Random) -> str:
         if number and tokens.kinds[number] == "NAME" and tokens.kinds[number - 1] == "INITIAL_EQUATION":
             pieces.append(" ")
         pieces.append(token)
-        pieces.append(rng.choice([" ", " ", " ", "  ", "\t", "\n", "\n\n\n", " // note %d\n" % number, " /* part %d */ " % number, "\r\n"]))
+        pieces.append(rng.choice([" ", " ", " ", "  ", "\t", "\n", "\n\n\n", f" // note {number}\n", f" /* part {number} */ ", "\r\n"]))
     return "".join(pieces)
 
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakValueDictionary
+
+from bgdsl.source import Span
 
 __all__ = [
     "FUNCTIONS",
@@ -361,6 +363,8 @@ class Table:
     x: tuple[float, ...]
     c: tuple[tuple[float, ...], ...]
     periodic: bool
+    span: Span | None = field(default=None, compare=False, repr=False)
+    """Where the model makes the table."""
 
     def __call__(self, x: float, order: int = 0) -> float:
         from bisect import bisect_right

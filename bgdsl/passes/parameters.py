@@ -10,6 +10,7 @@ Reports      BG240 no value, BG241 circle, BG242 out of bounds, BG243 a paramete
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -92,13 +93,24 @@ def _bind(build: Build, part: ParameterPart) -> None:
     for item in part.values:
         for leaf in unknowns_of(item):
             raise _reads_variable(part, leaf, span)
-    if part.constant and all(item.is_const for item in part.values):
-        part.value = value
+    _attributes(part)
+    if part.fixed and all(build.parameter_of(name)[0].constant for item in part.values for name in parameters_of(item)):
+        part.value, part.constant = _folded(part, value), True
     elif part.value is None:
         part.value = leaves_of(param, part.name, part.shape)
-    _attributes(part)
     if part.type == "Integer":
         _check_whole(build, part, span)
+
+
+def _folded(part: ParameterPart, value: Value) -> Value:
+    """What reading a constant gives: its numbers. An entry with a unit keeps its name unless it is zero, so that `1*F` with a
+    lever arm of 1 m does not lose the metre before units are checked."""
+    assert part.values is not None
+    if all(item.is_const for item in part.values) and part.unit in ("", "1"):
+        return value
+    named = entries(leaves_of(param, part.name, part.shape) if part.shape else param(part.name))
+    kept = [item if item.is_zero else name for item, name in zip(part.values, named, strict=True)]
+    return array_of(kept, part.shape) if part.shape else kept[0]
 
 
 def _reads_variable(part: ParameterPart, leaf: Expr, span: Span) -> Fault:
@@ -271,7 +283,7 @@ def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
     name = next((name for name, known in build.table_keys.items() if known == key), None)
     if name is None:
         name = f"table{len(build.tables) + 1}"
-        build.tables[name] = make_table(name, xs, ys, kind, bool(periodic.data), node.span, rows)
+        build.tables[name] = replace(make_table(name, xs, ys, kind, bool(periodic.data), node.span, rows), span=node.span)
         build.table_keys[name] = key
     return TableName(name)
 

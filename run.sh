@@ -6,7 +6,7 @@ python3 -m venv .cache/venv
 .cache/venv/bin/pip install --quiet --disable-pip-version-check -e .
 export PATH="$PWD/.cache/venv/bin:$PATH"
 set -x
-bgc activity models/lever_stiff.bg
-bgc condition models/lever_stiff.bg --threshold 2.5% -o .cache/lever_conditioned.bg --force
+bgc activity models/lever_stiff.bg --experiment kick
+bgc condition models/lever_stiff.bg --experiment kick --threshold 2.5% -o .cache/lever_conditioned.bg --force
 bgc show .cache/lever_conditioned.bg --what equations
-bgc partition models/lever_stiff.bg --threshold 2.5% -o .cache/lever --force
+bgc partition models/lever_stiff.bg --experiment kick --threshold 2.5% -o .cache/lever --force

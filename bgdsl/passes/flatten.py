@@ -3,7 +3,7 @@
 Input        Library, the name of a model (or None for its only one), parameters to set
 Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
-Reports      BG216 which model; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
+Reports      BG609 which model; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
              `connect`, `statements`, `experiments`) report what they find
 """
 
@@ -52,7 +52,7 @@ from bgdsl.passes.parts import (
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 
-WHICH_MODEL = Code("BG216", "it is not clear which model is meant")
+WHICH_MODEL = Code("BG609", "it is not clear which model is meant")
 
 DEPTH = 20_000
 

@@ -484,7 +484,7 @@ def _parameter(
         build.evaluate_parameter(part)
         if part.state == "failed":
             raise Reported
-    elif not part.constant and basic not in ("String", "Table"):
+    elif not part.fixed and basic not in ("String", "Table"):
         part.value = leaves_of(param, path, shape) if shape else param(path)
     return part
 

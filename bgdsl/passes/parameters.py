@@ -337,7 +337,9 @@ def _check_overrides(build: Build, span: Span) -> None:
     known = [*build.parameters]
     for name in build.overrides:
         if name not in build.used:
-            build.report.add(UNKNOWN_TARGET, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known))
+            build.report.add(
+                UNKNOWN_TARGET, f"there is no parameter `{name}` to set", span, "in this model", helps=did_you_mean(name, known)
+            )
 
 
 def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:

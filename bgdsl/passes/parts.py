@@ -108,6 +108,11 @@ class ParameterPart:
     nominal: bool = False
     state: Literal["new", "open", "done", "failed"] = "new"
 
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing can change it: a constant, or declared or modified as final. Then plain numbers are read as such."""
+        return self.constant or any(entry.final for entry, _, _ in self.claims)
+
 
 @dataclass(slots=True, eq=False)
 class SignalPart:

@@ -1,0 +1,131 @@
+"""Modifications: the outer one wins, arrays are indexed, values belong to their author's scope."""
+
+from __future__ import annotations
+
+import pytest
+
+from bgdsl.diagnostics import BgError
+
+BODY = """
+model Body
+  parameter Real m = 1;  parameter Real drag = 2*m;
+  open J1 v;  I mass(I = m);  R damper(R = drag);
+equation
+  v -> mass, damper;
+end Body;
+"""
+
+
+def model(declarations: str, equations: str = "") -> str:
+    return f"{BODY}\nmodel Top\n{declarations}\nequation\n{equations}\nend Top;\n"
+
+
+def test_a_value_is_read_where_it_was_written(seen) -> None:
+    got = seen(model("parameter Real m = 7;  Body a(m = 3*m);"), "Top")
+    assert got.parameters["a.m"] == ["3*m"]
+    assert got.parameters["a.drag"] == ["2*a.m"]
+    assert got.laws["a.mass"] == ["a.mass.f = a.mass.p/a.mass.I"]
+
+
+def test_the_outermost_modification_wins(seen) -> None:
+    text = BODY + "model Mid\n Body b(m = 2, drag = 5);\nend Mid;\nmodel Top\n Mid x(b(m = 3));\nend Top;\n"
+    got = seen(text, "Top")
+    assert got.parameters["x.b.m"] == ["3"]
+    assert got.parameters["x.b.drag"] == ["5"]
+
+
+def test_dotted_and_nested_modifications_are_the_same(seen) -> None:
+    text = BODY + "model Mid\n Body b;\nend Mid;\nmodel Top\n Mid x(b.m = 3, b.drag = 4);\nend Top;\n"
+    got = seen(text, "Top")
+    assert (got.parameters["x.b.m"], got.parameters["x.b.drag"]) == (["3"], ["4"])
+
+
+def test_an_array_modification_is_indexed(seen) -> None:
+    got = seen(model("Body b[3](m = {1, 2, 3}, each drag = 9);"), "Top")
+    assert [got.parameters[f"b[{i}].m"] for i in (1, 2, 3)] == [["1"], ["2"], ["3"]]
+    assert [got.parameters[f"b[{i}].drag"] for i in (1, 2, 3)] == [["9"]] * 3
+
+
+def test_nested_arrays_are_indexed_from_the_outside(seen) -> None:
+    text = BODY + "model Mid\n Body b[2];\nend Mid;\nmodel Top\n Mid x[2](b(m = {{1, 2}, {3, 4}}));\nend Top;\n"
+    got = seen(text, "Top")
+    assert [got.parameters[f"x[{i}].b[{j}].m"] for i in (1, 2) for j in (1, 2)] == [["1"], ["2"], ["3"], ["4"]]
+
+
+def test_one_element_of_an_array_is_modified(seen) -> None:
+    got = seen(
+        model("Body b[3](each m = 1, drag = {1, 2, 3});").replace("Top", "Base") + "model Top\n extends Base(b[2].m = 5);\nend Top;", "Top"
+    )
+    assert [got.parameters[f"b[{i}].m"] for i in (1, 2, 3)] == [["1"], ["5"], ["1"]]
+
+
+def test_extends_modifies_elements_and_parameters(seen) -> None:
+    text = BODY + "model Top\n extends Body(m = 4, damper(G = 3));\n Se s(e = 1);\nequation\n s -> v;\nend Top;\n"
+    got = seen(text, "Top")
+    assert got.parameters["m"] == ["4"]
+    assert got.laws["damper"] == ["damper.f = damper.G*damper.e"]
+
+
+def test_a_diamond_is_inherited_once(seen) -> None:
+    text = BODY + "model L\n extends Body;\nend L;\nmodel R2\n extends Body;\nend R2;\nmodel Top\n extends L;\n extends R2;\nend Top;\n"
+    got = seen(text, "Top")
+    assert list(got.laws) == ["mass", "damper"]
+    assert len(got.bonds) == 2
+
+
+def test_redeclare_takes_the_new_class_and_the_arguments(seen) -> None:
+    text = BODY + "model Heavy\n extends Body(m = 100);\nend Heavy;\nmodel Mid\n Body b(drag = 1);\nend Mid;\n"
+    got = seen(text + "model Top\n Mid x(redeclare Heavy b(m = 200));\nend Top;\n", "Top")
+    assert got.parameters["x.b.m"] == ["200"]
+    assert got.parameters["x.b.drag"] == ["1"]
+
+
+def test_redeclared_element(seen) -> None:
+    text = BODY + "model Top\n extends Body(redeclare R damper(e = 3*f^3));\nend Top;\n"
+    assert seen(text, "Top").laws["damper"] == ["damper.e = 3*damper.f^3"]
+
+
+def test_a_law_reads_own_variables_then_the_authors(seen) -> None:
+    got = seen("model M\n parameter Real k = 2; parameter Real q = 9;\n J1 v; I m(I = 1); C s(e = k*q);\nequation\n v -> m, s;\nend M;")
+    assert got.laws["s"] == ["s.e = k*s.q"]
+
+
+def test_types_bring_units_and_bounds(flat) -> None:
+    graph = flat(
+        'type Mass = Real(unit = "kg", min = 0);\nmodel M\n parameter Mass m = 2;\n J1 v; I x(I = m); Se s(e = 1);\nequation\n s -> v; v -> x;\nend M;'
+    )
+    (m,) = [p for p in graph.parameters if p.name == "m"]
+    assert m.unit == "kg"
+    assert m.low is not None and m.low[0].data == 0
+
+
+def test_overrides_set_any_parameter(flat) -> None:
+    text = "model M\n parameter Integer n = 2; parameter Real g[n] = fill(1, n);\n J1 v; I x[n](I = g); Se s(e = 1);\nequation\n s -> v;\n for i in 1:n loop v -> x[i]; end for;\nend M;"
+    graph = flat(text, n=4)
+    assert [e.name for e in graph.elements] == ["x[1]", "x[2]", "x[3]", "x[4]", "s"]
+    assert next(p for p in graph.parameters if p.name == "n").structural
+    graph = flat(text, **{"g[2]": 5.0, "s.e": 3})
+    values = {p.name: [x.data for x in p.values if x.is_const] for p in graph.parameters}
+    assert values["g"] == [1.0, 5.0]
+    assert values["s.e"] == [3.0]
+
+
+def test_an_unknown_override_is_reported(flat) -> None:
+    with pytest.raises(BgError, match="there is no parameter `mas`"):
+        flat("model M\n parameter Real mass = 2;\n J1 v; I x(I = mass); Se s(e = 1);\nequation\n s -> v; v -> x;\nend M;", mas=3.0)
+
+
+def test_experiments_build_on_each_other(flat) -> None:
+    text = (
+        BODY
+        + """model Top
+  parameter Real gain[3] = {1, 1, 1};
+  Body b[2];
+  experiment base(stopTime = 2, interval = 0.1, b(each m = 3), gain[1] = 0);
+  experiment more extends base(stopTime = 5, b[2](m = 7, damper(R = 1)), method = "rk45", window = {1, 2});
+end Top;"""
+    )
+    base, more = flat(text, "Top").experiments
+    assert {name: x.data for name, x in base.changes.items()} == {"b[1].m": 3, "b[2].m": 3, "gain[1]": 0}
+    assert {name: x.data for name, x in more.changes.items()} == {"b[1].m": 3, "b[2].m": 7, "gain[1]": 0, "b[2].damper.R": 1}
+    assert (more.stop_time, more.interval, more.method, more.window) == (5, 0.1, "rk45", (1, 2))

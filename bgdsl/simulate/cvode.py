@@ -7,17 +7,18 @@ the kernel of `kernels/loop.py`, which comes back for events, full buffers and t
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bgdsl.ir.native import CompiledModel, Kernel
 from bgdsl.simulate import sundials
+from bgdsl.simulate.addresses import Addresses, array_at
 from bgdsl.simulate.failures import IntegrationError
 from bgdsl.simulate.inputs import InputSignals
 from bgdsl.simulate.kernels.compiler import KERNELS
-from bgdsl.simulate.kernels.link import Link
-from bgdsl.simulate.kernels.loop import BROKEN, DONE, FULL, ROOT, Loop
+from bgdsl.simulate.kernels.loop import BROKEN, DONE, DRIFTED, FULL, ROOT, Loop
 from bgdsl.simulate.methods import Method
 from bgdsl.simulate.options import Options
+from bgdsl.simulate.projection import Invariants
 from bgdsl.simulate.quadrature import Quadrature
 from bgdsl.simulate.recorder import Recorder
 from bgdsl.simulate.sparse import SparseLU
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 MOST_REPIVOTINGS = 20
+MARK = 0.7123456789012345e-77
+"""A number that fills the states while CVODE sets up, to be recognised."""
 BUDGET = 2000
 """Steps between two looks at the keyboard and the progress bar."""
 
@@ -45,14 +48,21 @@ class CvodeStepper:
         self._library = sundials.libraries()
         self._model, self._method, self._options = model, method, options
         self.counters = Counters()
-        self._kept: list[Any] = []
+        self.addresses = Addresses(model)
         self._repivotings = 0
         n = len(x)
         self._state = np.array(x, dtype=float)
         self._dense_state = np.zeros(n)
         self.clock = np.array([t])
         self.t_old = t
-        self.link = self._make_link(model, inputs, n, events)
+        self.link = self.addresses.link(inputs)
+        if events is not None:
+            self.link.events = self.addresses.call(events)
+        if method.jacobian:
+            self.link.jacobian = self.addresses.call(model.jacobian)
+            self.link.values = self.addresses.keep(np.zeros(max(1, model.jacobian.size)))
+            self._lu = SparseLU(*model.pattern)
+            self.link.factors = self._lu.address
         lib = self._library
         self.y = lib.N_VMake_Serial(n, self._state.ctypes.data, lib.context)
         self.scratch = lib.N_VMake_Serial(n, self._dense_state.ctypes.data, lib.context)
@@ -61,44 +71,10 @@ class CvodeStepper:
         self._fixed_point: int | None = None
         self.memory = self._make_memory(0 if events is None else events.size)
 
-    def _make_link(self, model: CompiledModel, inputs: InputSignals, n: int, events: Kernel | None) -> Any:
-        import numpy as np
-
-        link = Link()
-        link.n = n
-        link.context = model.context
-        link.rhs = self.call(model.rhs)
-        link.trouble_state = self.keep(np.zeros(n))
-        link.inputs, link.pieces = inputs.count, max(0, len(inputs.breaks) - 1)
-        link.breaks, link.coefficients = self.keep(inputs.breaks), self.keep(inputs.coefficients)
-        link.u = self.keep(np.zeros(max(1, inputs.count)))
-        if events is not None:
-            link.events = self.call(events)
-        if self._method.jacobian:
-            link.jacobian = self.call(model.jacobian)
-            link.values = self.keep(np.zeros(max(1, model.jacobian.size)))
-            self._lu = SparseLU(*model.pattern)
-            link.factors = self._lu.address
-        return link
-
-    def keep(self, array: Any) -> int:
-        """The address of an array that has to live as long as this stepper."""
-        self._kept.append(array)
-        return int(array.ctypes.data)
-
-    def call(self, kernel: Kernel) -> int:
-        """The address of a model's function; one without gets a C face."""
-        self._kept.append(kernel)
-        if kernel.address:
-            return kernel.address
-        face = _c_face(kernel, len(self._model.program.states), len(self._model.program.inputs))
-        self._kept.append(face)
-        return ctypes.cast(face, ctypes.c_void_p).value or 0
-
     def _make_memory(self, roots: int) -> int:
         lib, options = self._library, self._options
         memory: int = lib.CVodeCreate(sundials.BDF if self._method.key == "bdf" else sundials.ADAMS, lib.context)
-        lib.check(lib.CVodeInit(memory, KERNELS.address("cv_rhs"), float(self.clock[0]), self.y), "CVodeInit")
+        self.history = self._initialise(memory)
         lib.check(lib.CVodeSStolerances(memory, options.rtol, options.atol), "CVodeSStolerances")
         lib.check(lib.CVodeSetUserData(memory, ctypes.addressof(self.link)), "CVodeSetUserData")
         lib.check(lib.CVodeSetMaxHnilWarns(memory, -1), "CVodeSetMaxHnilWarns")
@@ -116,6 +92,39 @@ class CvodeStepper:
             lib.check(lib.CVodeRootInit(memory, roots, KERNELS.address("cv_root")), "CVodeRootInit")
             lib.check(lib.CVodeSetNoInactiveRootWarn(memory), "CVodeSetNoInactiveRootWarn")
         return memory
+
+    def _initialise(self, memory: int) -> int:
+        """CVodeInit; the address of the states in CVODE's own history, the one clone of y that it fills with y.
+
+        Projections have to move that as well, and CVODE has no call for it. So its cloning of vectors is watched while it sets up.
+        """
+        lib = self._library
+        start = self._state.copy()
+        self._state[:] = MARK
+        table = sundials.words(sundials.words(self.y)[1])
+        slot = next(k for k in range(20) if table[k] == lib.address("N_VClone_Serial"))
+        clones: list[int] = []
+
+        def clone(vector: int) -> int | None:
+            made: int | None = lib.N_VClone_Serial(vector)
+            if made:
+                clones.append(made)
+            return made
+
+        watcher = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)(clone)
+        table[slot] = ctypes.cast(watcher, ctypes.c_void_p).value
+        flag = lib.CVodeInit(memory, KERNELS.address("cv_rhs"), float(self.clock[0]), self.y)
+        for vector in (self.y, *clones):
+            sundials.words(sundials.words(vector)[1])[slot] = lib.address("N_VClone_Serial")
+        lib.check(flag, "CVodeInit")
+        data = [lib.N_VGetArrayPointer(vector) for vector in clones]
+        n = len(self._state)
+        found = [place for place in data if (array_at(place, n) == MARK).all()]
+        self._state[:] = start
+        lib.check(lib.CVodeReInit(memory, float(self.clock[0]), self.y), "CVodeReInit")
+        if len(found) != 1 or not (array_at(found[0], n) == start).all():
+            raise OSError("CVODE's history of the states is not where it was expected")
+        return int(found[0])
 
     def _attach_solver(self, memory: int) -> None:
         """A linear solver and a matrix of our own: empty shells whose operations are kernels."""
@@ -202,18 +211,14 @@ class CvodeStepper:
             self.restart(self.t, self._state.copy())
             return
         reason = sundials.FLAGS.get(flag, f"CVODE says {flag}")
-        import numpy as np
-
         if link.troubled:
-            x = np.ctypeslib.as_array(ctypes.cast(link.trouble_state, ctypes.POINTER(ctypes.c_double)), (link.n,)).copy()
+            x = array_at(link.trouble_state, link.n).copy()
             raise IntegrationError(reason, link.trouble_time, x, link.status)
         raise IntegrationError(reason, self.t, self._state.copy(), collapsed=flag in sundials.COLLAPSED)
 
     def _pivot_anew(self) -> None:
-        import numpy as np
-
         link = self.link
-        values = np.ctypeslib.as_array(ctypes.cast(link.values, ctypes.POINTER(ctypes.c_double)), (self._model.jacobian.size,))
+        values = array_at(link.values, self._model.jacobian.size)
         try:
             self._lu = SparseLU(*self._model.pattern, (values.copy(), link.gamma))
         except RuntimeError as error:  # singular even with pivoting
@@ -224,11 +229,13 @@ class CvodeStepper:
 class CvodeLoop:
     """The kernel loop around a `CvodeStepper`, tied to the arrays of a recorder and a quadrature."""
 
-    def __init__(self, stepper: CvodeStepper, options: Options, recorder: Recorder, quadrature: Quadrature | None):
-        self.stepper, self._recorder = stepper, recorder
+    def __init__(
+        self, stepper: CvodeStepper, options: Options, recorder: Recorder, quadrature: Quadrature | None, invariants: Invariants | None
+    ):
+        self.stepper, self._recorder, self._invariants = stepper, recorder, invariants
         lib = sundials.libraries()
         loop = self.record = Loop()
-        keep = stepper.keep
+        keep = stepper.addresses.keep
         loop.link = ctypes.addressof(stepper.link)
         loop.advance, loop.interpolate = lib.address("CVode"), lib.address("CVodeGetDky")
         loop.memory, loop.y, loop.scratch = stepper.memory, stepper.y, stepper.scratch
@@ -238,11 +245,14 @@ class CvodeLoop:
         loop.row_capacity, loop.columns = recorder.capacity, recorder.rows.shape[1]
         loop.row_times, loop.rows, loop.states = keep(recorder.times), keep(recorder.rows), keep(recorder.state_rows)
         loop.keep = len(recorder.state_rows) > 0
-        loop.row_kernel = stepper.call(recorder.kernel)
+        loop.row_kernel = stepper.addresses.call(recorder.kernel)
         if quadrature is not None:
             loop.sums, loop.parts = ctypes.addressof(quadrature.record), quadrature.parts
             loop.window_start, loop.window_stop = quadrature.window
-            loop.integrands = stepper.call(quadrature.kernel)
+            loop.integrands = stepper.addresses.call(quadrature.kernel)
+        if invariants is not None:
+            loop.projection = ctypes.addressof(invariants.record)
+            invariants.record.history = stepper.history
         self._travel = KERNELS.function("travel")
 
     def go(self) -> str:
@@ -263,24 +273,10 @@ class CvodeLoop:
                     return "root"
                 case s if s == FULL:
                     recorder.flush()
+                case s if s == DRIFTED:
+                    assert self._invariants is not None
+                    raise self._invariants.failure(stepper.t, stepper.x)
                 case s if s == BROKEN:
                     raise IntegrationError("what is recorded cannot be evaluated", stepper.t, stepper.x.copy(), stepper.link.status)
                 case _:
                     stepper.recover(status)
-
-
-def _c_face(kernel: Kernel, n: int, m: int) -> Any:
-    """A C function that calls a kernel which is only Python."""
-    import numpy as np
-
-    signature = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *[ctypes.c_void_p] * 4)
-
-    def array(address: int | None, size: int) -> Any:
-        if not size or not address:
-            return np.zeros(0)
-        return np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(ctypes.c_double)), (size,))
-
-    def face(t: float, x: int, u: int, out: int, context: int) -> int:
-        return kernel(t, array(x, n), array(u, m), array(out, kernel.size))
-
-    return signature(face)

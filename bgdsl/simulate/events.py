@@ -14,7 +14,7 @@ from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.trajectory import Crossing
 from bgdsl.simulate.failures import CHATTERING, VIOLATED, IntegrationError, stop
 from bgdsl.simulate.inputs import InputSignals
-from bgdsl.simulate.stepper import Stepper
+from bgdsl.simulate.stepper import LastStep
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,7 +54,7 @@ class Watch:
         self._values = self._at(t, x)
         self._assert(t)
 
-    def find(self, stepper: Stepper) -> float | None:
+    def find(self, stepper: LastStep) -> float | None:
         """The earliest time in the last step at which a function changed sign, noted in `crossings`; None if there is none."""
         import numpy as np
 
@@ -110,7 +110,7 @@ class Watch:
             if value < 0.0:
                 stop(VIOLATED, f"{check.message} (t = {t:.9g} s)", check.origin, "does not hold", t)
 
-    def _locate(self, stepper: Stepper, k: int, before: float) -> float:
+    def _locate(self, stepper: LastStep, k: int, before: float) -> float:
         """Bisection with secant steps (Illinois) on the dense output; the time just behind the change."""
         import numpy as np
 

@@ -21,7 +21,7 @@ from bgdsl.simulate.inputs import InputSignals
 from bgdsl.simulate.kernels.compiler import KERNELS
 from bgdsl.simulate.kernels.loop import COARSE, FINE, MOST_PARTS
 from bgdsl.simulate.kernels.sums import Sums
-from bgdsl.simulate.stepper import Stepper
+from bgdsl.simulate.stepper import LastStep
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,7 +62,7 @@ class Quadrature:
         self.record = Sums(terms=count, **{name: array.ctypes.data for name, array in self._arrays.items()})
         self._absorb: Any = KERNELS.function("absorb")
 
-    def take(self, stepper: Stepper) -> None:
+    def take(self, stepper: LastStep) -> None:
         """Add the last step's share."""
         import numpy as np
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from bgdsl.ir.native import CompiledModel
 from bgdsl.simulate.columns import Column
+from bgdsl.simulate.failures import IntegrationError
 from bgdsl.simulate.inputs import InputSignals
 from bgdsl.simulate.recording import Sink
-from bgdsl.simulate.stepper import Stepper
+from bgdsl.simulate.stepper import LastStep
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +35,10 @@ class Grid:
 
 
 class Recorder:
-    """Evaluates the columns (and keeps the states where asked to) at each time of the grid, and passes rows on in chunks."""
+    """Evaluates the columns (and keeps the states where asked to) at each time of the grid, and passes rows on in chunks.
+
+    `adjust` moves interpolated states onto the model's invariants.
+    """
 
     def __init__(self, model: CompiledModel, columns: Sequence[Column], sink: Sink, states: Sink | None, grid: Grid, inputs: InputSignals):
         import numpy as np
@@ -44,6 +48,7 @@ class Recorder:
         self.next = 0
         self.fill = 0
         self._sink, self._states, self._inputs = sink, states, inputs
+        self.adjust: Callable[[float, Floats], object] | None = None
         n = len(model.program.states)
         self.capacity = max(2, min(grid.count, CHUNK_NUMBERS // max(1, len(columns) + n)))
         self.times = np.empty(self.capacity)
@@ -55,7 +60,7 @@ class Recorder:
         self._put(t, x)
         self.next = 1
 
-    def take(self, stepper: Stepper) -> None:
+    def take(self, stepper: LastStep) -> None:
         """The rows within the last step."""
         import numpy as np
 
@@ -67,6 +72,9 @@ class Recorder:
             some = min(end, self.next + 1000)
             times = np.array([grid[k] for k in range(self.next, some)])
             for t, x in zip(times.tolist(), stepper.dense(times), strict=True):
+                if self.adjust is not None and t < stepper.t:
+                    x = np.array(x)
+                    self.adjust(t, x)
                 self._put(t, x)
             self.next = some
 
@@ -77,7 +85,9 @@ class Recorder:
             self.flush()
         x = np.ascontiguousarray(x)
         self.times[self.fill] = t
-        self.kernel(t, x, self._inputs(t), self.rows[self.fill])
+        status = self.kernel(t, x, self._inputs(t), self.rows[self.fill])
+        if status:
+            raise IntegrationError("what is recorded cannot be evaluated", t, x, status)
         if self._states is not None:
             self.state_rows[self.fill] = x
         self.fill += 1

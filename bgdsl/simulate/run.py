@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +25,13 @@ from bgdsl.simulate.initial import initial_state
 from bgdsl.simulate.inputs import InputSignals, input_signals
 from bgdsl.simulate.methods import METHODS, Method
 from bgdsl.simulate.options import Options, parameter_array
+from bgdsl.simulate.projection import Invariants
 from bgdsl.simulate.quadrature import Quadrature, Quadratures
 from bgdsl.simulate.recorder import Grid, Recorder
 from bgdsl.simulate.recording import MemorySink, Sink, open_sink
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
-from bgdsl.simulate.stepper import Counters, Stepper
+from bgdsl.simulate.stepper import Counters, LastStep, Stepper
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,7 +72,7 @@ def simulate(
     sink: Sink = memory if output is None else open_sink(output, columns, program.model, program.digest, force=force, report=report)
     recorder = Recorder(model, columns, sink, states if keep else None, grid, inputs)
     quadrature = None if quadratures is None else Quadrature(model, quadratures.expressions, quadratures.window or options.window, inputs)
-    journey = Journey(model, options, inputs, recorder, quadrature, progress)
+    journey = Journey(model, options, inputs, recorder, quadrature, progress, report)
     status: Status = "partial"
     try:
         journey.travel(x0)
@@ -112,16 +113,22 @@ class Journey:
         recorder: Recorder,
         quadrature: Quadrature | None,
         progress: Progress | None,
+        report: Reporter,
     ):
         self._model, self._options, self._inputs = model, options, inputs
-        self._recorder, self._quadrature, self._progress = recorder, quadrature, progress
+        self._recorder, self._quadrature, self._progress, self._report = recorder, quadrature, progress, report
         self.watch = Watch(model, inputs, options.start, options.stop)
         self._spent = Counters()
+        self._invariants = Invariants(model, options, inputs) if model.program.invariants else None
         self._told = 0.0
 
     def travel(self, x0: Floats) -> None:
         """From the start to the stop. IntegrationError where the integrator cannot go on."""
         options = self._options
+        if self._invariants is not None:
+            x0 = x0.copy()
+            self._invariants.begin(options.start, x0, self._report)
+            self._recorder.adjust = self._invariants.adjust
         self._recorder.first(options.start, x0)
         if not self.watch.idle:
             self.watch.begin(options.start, x0)
@@ -136,6 +143,10 @@ class Journey:
         self._spent = stepper.counters
         while stepper.t < options.stop:
             stepper.step()
+            if self._invariants is not None:
+                x = stepper.x.copy()
+                self._invariants.apply(stepper.t, x)
+                stepper.move(x)
             self._look(stepper)
             self._tell(stepper.t)
 
@@ -146,7 +157,7 @@ class Journey:
         stepper = CvodeStepper(self._model, method, options, self._inputs, options.start, x0, events)
         self._spent = stepper.counters
         try:
-            loop = CvodeLoop(stepper, options, self._recorder, self._quadrature)
+            loop = CvodeLoop(stepper, options, self._recorder, self._quadrature, self._invariants)
             while (what := loop.go()) != "done":
                 if what == "root":
                     x = stepper.x.copy()
@@ -169,14 +180,13 @@ class Journey:
             self._observe(stepper)
             return
         x = np.ascontiguousarray(stepper.dense(np.array([event]))[0])
-        cut = Cut(stepper, event, x)
-        self._observe(cut)
+        self._observe(Piece(stepper.t_old, event, x, stepper.dense))
         if self._quadrature is not None:
             self._quadrature.forget()
         stepper.restart(event, x)
         self.watch.begin(event, x)
 
-    def _observe(self, stepper: Stepper) -> None:
+    def _observe(self, stepper: LastStep) -> None:
         self._recorder.take(stepper)
         if self._quadrature is not None:
             self._quadrature.take(stepper)
@@ -185,8 +195,7 @@ class Journey:
         """A model without states: its algebra alone, along the grid."""
         import numpy as np
 
-        still = Still(self._options.start, self._options.stop, np.zeros(0))
-        self._observe(still)
+        self._observe(Piece(self._options.start, self._options.stop, np.zeros(0), lambda times: np.zeros((len(times), 0))))
 
     def _tell(self, t: float) -> None:
         if self._progress is not None and clock.perf_counter() - self._told > 0.05:
@@ -204,37 +213,19 @@ class Journey:
             jacobian_calls=spent.jacobian,
             factorisations=spent.factorisations,
             events=len(self.watch.crossings),
+            projections=self._invariants.moves if self._invariants else 0,
+            drift=self._invariants.drift if self._invariants else 0.0,
         )
 
 
-class Cut:
-    """The last step of a stepper up to an event inside it."""
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A step that was cut at an event, or the only one of a model without states."""
 
-    def __init__(self, stepper: Stepper, t: float, x: Floats):
-        self.t_old, self.t, self.x = stepper.t_old, t, x
-        self.counters = stepper.counters
-        self.dense = stepper.dense
-        self.step = stepper.step
-        self.restart = stepper.restart
-
-
-class Still:
-    """The one step of a model without states."""
-
-    def __init__(self, t_old: float, t: float, x: Floats):
-        self.t_old, self.t, self.x = t_old, t, x
-        self.counters = Counters()
-
-    def step(self) -> None:
-        raise AssertionError("nothing moves")
-
-    def restart(self, t: float, x: Floats) -> None:
-        raise AssertionError("nothing moves")
-
-    def dense(self, times: Floats) -> Floats:
-        import numpy as np
-
-        return np.zeros((len(times), 0))
+    t_old: float
+    t: float
+    x: Floats
+    dense: Callable[[Floats], Floats]
 
 
 def make_stepper(model: CompiledModel, options: Options, inputs: InputSignals, t: float, x: Floats) -> Stepper:

@@ -70,6 +70,17 @@ class ScipyStepper:
         self.x = solver.y.copy()
         self._dense = None
 
+    def move(self, x: Floats) -> None:
+        solver = self._solver
+        if self._method.key == "LSODA":
+            inner = solver._lsoda_solver
+            inner._integrator.rwork[20 : 20 + len(x)] += x - self.x
+            inner._y = x.copy()
+        elif self._method.key == "RK45":
+            solver.f = self._slopes(self.t, x)
+        self.x = x
+        solver.y = x.copy()
+
     def dense(self, times: Floats) -> Floats:
         if self._dense is None:
             self._dense = self._solver.dense_output()
@@ -118,6 +129,10 @@ class VodeStepper:
         self.counters.steps += 1
         self.t_old, self.t = self.t, float(t)
         self.x = x.copy()
+
+    def move(self, x: Floats) -> None:
+        self._integrator.rwork[20 : 20 + len(x)] += x - self.x
+        self.x = x
 
     def dense(self, times: Floats) -> Floats:
         """VODE's Nordsieck array, scaled by the last step's size: columns h^j x^(j) / j!."""

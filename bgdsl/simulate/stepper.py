@@ -27,20 +27,35 @@ class Counters:
     factorisations: int = 0
 
 
-class Stepper(Protocol):
-    """An integrator at work. `t`, `x`: where it is, after an accepted step; `t_old`: where that step began."""
+class LastStep(Protocol):
+    """An accepted step: from `t_old` to `t`, where the states are `x`."""
 
-    t: float
-    t_old: float
-    x: Floats
-    counters: Counters
+    @property
+    def t(self) -> float: ...
+
+    @property
+    def t_old(self) -> float: ...
+
+    @property
+    def x(self) -> Floats: ...
+
+    def dense(self, times: Floats) -> Floats:
+        """The states (k, n) at times (k,) within the step."""
+        ...
+
+
+class Stepper(LastStep, Protocol):
+    """An integrator at work; what it is as a `LastStep` is its last one."""
+
+    @property
+    def counters(self) -> Counters: ...
 
     def step(self) -> None:
         """Take one step, never past the stop time. IntegrationError where that cannot be done."""
         ...
 
-    def dense(self, times: Floats) -> Floats:
-        """The states (k, n) at times (k,) within the last step."""
+    def move(self, x: Floats) -> None:
+        """Go on from states that were moved by no more than the tolerance."""
         ...
 
     def restart(self, t: float, x: Floats) -> None:

@@ -112,6 +112,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "SUNContext_ClearErrHandlers": (INT, POINTER),
     "N_VNew_Serial": (POINTER, INT, POINTER),
     "N_VMake_Serial": (POINTER, INT, POINTER, POINTER),
+    "N_VClone_Serial": (POINTER, POINTER),
     "N_VGetArrayPointer": (POINTER, POINTER),
     "N_VDestroy": (None, POINTER),
     "CVodeCreate": (POINTER, INT, POINTER),

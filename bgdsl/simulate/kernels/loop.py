@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from bgdsl.simulate.kernels.compiler import Callee, Struct, kernel, places, real, reals, whole
 from bgdsl.simulate.kernels.link import Link, call_model, set_inputs
+from bgdsl.simulate.kernels.project import Projection, project, project_step
 from bgdsl.simulate.kernels.sums import Sums, absorb
 
-__all__ = ["Link", "Loop", "Sums", "whole"]
+__all__ = ["Link", "Loop", "Projection", "Sums", "whole"]
 
 Loop = Struct(
     "Loop",
@@ -16,19 +17,19 @@ Loop = Struct(
     real t_old, real stop, whole steps, whole budget, whole flag, whole pending,
     whole row_next, whole row_count, real row_start, real row_interval, whole row_fill, whole row_capacity,
     reals row_times, reals rows, whole columns, place row_kernel, whole keep, reals states,
-    Sums sums, real window_start, real window_stop, place integrands, whole parts, place after_step""",
+    Sums sums, real window_start, real window_stop, place integrands, whole parts, Projection projection""",
 )
 """clock: the current time, one number. y, scratch: N_Vectors. pending: a step is taken but not yet looked at.
 parts: into how many equal parts a step is divided by the nodes of the integrals, adapted to what they need."""
 
 call_cvode = Callee("int", ("place", "real", "place", "reals", "int"))
 call_dky = Callee("int", ("place", "real", "int", "place"))
-call_after = Callee("int", ("Loop",))
 
 DONE = 1
 ROOT = 2
 FULL = 3
 BROKEN = 4
+DRIFTED = 5
 COARSE = 1e-4
 FINE = 1e-6
 MOST_PARTS = 64
@@ -58,6 +59,8 @@ def record(loop: Loop) -> int:
             return FULL
         if dense_state(loop, t) != 0:
             return BROKEN
+        if loop.projection and t < loop.clock[0]:
+            project(loop.projection, t, x)
         k = loop.row_fill
         loop.row_times[k] = t
         link.status = call_model(loop.row_kernel, t, x, link.u, loop.rows + k * loop.columns, link.context)
@@ -120,7 +123,7 @@ def integrate(loop: Loop) -> int:
 
 @kernel
 def travel(loop: Loop) -> int:
-    """Go on until something is up: 0 the budget of steps is used, DONE, ROOT, FULL, BROKEN; negative: what CVODE said."""
+    """Go on until something is up: 0 the budget of steps is used, DONE, ROOT, FULL, BROKEN, DRIFTED; negative: what CVODE said."""
     while True:
         if loop.pending == 0:
             if loop.clock[0] >= loop.stop:
@@ -133,10 +136,8 @@ def travel(loop: Loop) -> int:
             if loop.flag < 0:
                 return loop.flag
             loop.steps += 1
-            if loop.after_step:
-                failed = call_after(loop.after_step, loop)
-                if failed != 0:
-                    return failed
+            if loop.projection and project_step(loop.projection, loop.clock[0], reals(places(loop.y[0])[1])) != 0:
+                return DRIFTED
             loop.pending = 1
         stopped = record(loop)
         if stopped != 0:

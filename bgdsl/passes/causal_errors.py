@@ -72,13 +72,13 @@ def _nothing_sets(story: Story, report: Reporter, place: Constrained, sources: S
 def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Sequence[Term], ways: Sequence[Sequence[int]]) -> None:
     junction = story.scalar.junctions[place.junction]
     word = "flow" if junction.kind else "effort"
-    last, *before = sources
-    names = {source.element or "": source for source in before}
+    last = sources[0] if sources else story.scalar.terms[place.term or 0]
+    names = {source.element or "": source for source in sources[1:]}
     report.add(
         TWO_FLOWS if junction.kind else TWO_EFFORTS,
-        f"the {word} of {junction.kind}-junction `{junction.name}` is fixed more than once by sources",
+        f"the {word} of {junction.kind}-junction `{junction.name}` is fixed more than once" + (" by sources" if names else ""),
         story.span(last),
-        "this source, and",
+        "this source, and" if names else "this fixes it, and something else does",
         others=[
             *((story.span(source), "this one") for source in names.values()),
             *story.places(
@@ -88,7 +88,7 @@ def _fixed_twice(story: Story, report: Reporter, place: Constrained, sources: Se
             ),
         ],
         notes=[f"a {junction.kind}-junction has one {word}; only one bond may set it", *_chain(story, ways)],
-        helps=["put an element that gives way between the sources: an R, or a C or I"],
+        helps=["put an element that gives way between them: an R, or a C or I"],
     )
 
 

@@ -190,6 +190,7 @@ class _Scap:
             self.constrained[j, present] = Constrained(j, source.element, present)
         elif term.index in self.related or far.index in self.related:
             surplus = term if term.index in self.related else far
+            state.settled |= {(far.index, 0), (far.index, 1)}
             state.drop(term.index)
             self.constrained[surplus.junction, surplus.index] = Constrained(surplus.junction, None, surplus.index)
         else:

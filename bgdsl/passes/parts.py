@@ -15,8 +15,8 @@ import numpy as np
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import Expr, Table, evaluate, leaves, topological, var
 from bgdsl.ir.elements import Kind, component
-from bgdsl.ir.graph import Origin, SignalEquation, scalar_names
 from bgdsl.ir.graph import Instance as FlatInstance
+from bgdsl.ir.graph import Origin, SignalEquation, scalar_names
 from bgdsl.passes.names import Class, Member, Modification, Names, Resolved, Scope
 from bgdsl.source import Span
 
@@ -27,7 +27,7 @@ CYCLE = Code("BG241", "parameters depend on each other in a circle")
 NO_VALUE = Code("BG240", "a parameter has no value")
 
 
-class Fault(Exception):
+class Fault(Exception):  # noqa: N818 (a finding, not a failure)
     """A finding that ends the work on one thing (a parameter, a statement); the caller reports it and goes on with the next."""
 
     def __init__(
@@ -46,7 +46,7 @@ class Fault(Exception):
         self.others, self.notes, self.helps = tuple(others), tuple(notes), tuple(helps)
 
 
-class Reported(Exception):
+class Reported(Exception):  # noqa: N818
     """Something that this needs was found wrong and has been reported."""
 
 
@@ -277,7 +277,7 @@ class Build:
     parameters: dict[str, ParameterPart] = field(default_factory=dict)
     raws: list[RawBond] = field(default_factory=list)
     tables: dict[str, Table] = field(default_factory=dict)
-    table_keys: dict[str, Any] = field(default_factory=dict)
+    table_keys: dict[tuple[Any, ...], str] = field(default_factory=dict)
     solved: list[tuple[str, int, Origin]] = field(default_factory=list)
     extra: list[SignalEquation] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)

@@ -3,7 +3,6 @@
 A leaf whose unit nobody declared makes everything it multiplies unknown; nothing is said about unknown units. A written number
 may stand for a quantity in products (`9.81*m`, `2*f^2`) and takes any unit in sums, `time` likewise (`sin(3*time)`); only a
 sign (`-1`) is pure.
-Constants are folded into numbers before they come here, so where a constant has a unit every number may stand for a quantity.
 """
 
 from __future__ import annotations
@@ -31,13 +30,11 @@ operand should have been dimensionless."""
 @dataclass(slots=True)
 class Rules:
     """`leaf` gives the unit of a parameter or variable by name, None if unknown. `disagree` hears of each wrong node once.
-    `counts`: small written numbers are pure numbers.
 
     Results are kept, so a shared subexpression costs once; `forget` drops them when more has become known.
     """
 
     leaf: Callable[[Expr], Unit | None]
-    counts: bool = True
     disagree: Disagreement | None = None
     known: dict[Expr, Unit | None] = field(default_factory=dict)
 
@@ -62,7 +59,7 @@ class Rules:
         units = [self.known[arg] for arg in node.args]
         match node.op:
             case "const":
-                return PURE if self.counts and _bare(node.data) else None
+                return PURE if _bare(node.data) else None
             case "param" | "var":
                 return self.leaf(node)
             case "time":

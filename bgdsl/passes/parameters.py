@@ -9,14 +9,15 @@ Reports      BG240 no value, BG241 circle, BG242 out of bounds, BG243 a paramete
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bgdsl.diagnostics import Code, did_you_mean
-from bgdsl.expr import ONE, Expr, Table, const, evaluate, param
+from bgdsl.expr import ONE, Expr, const, param
 from bgdsl.ir.graph import Parameter, scalar_names
 from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.elaborate import evaluate_integer
@@ -33,7 +34,6 @@ from bgdsl.passes.parts import (
     TableName,
     Value,
     array_of,
-    circle_fault,
     entries,
     leaves_of,
     parameters_of,
@@ -263,8 +263,8 @@ def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
     source = node.span.source
     match given:
         case [str() as name]:
-            folder = source.path.parent if source.path is not None else None
-            path = (folder / name) if folder is not None else __import__("pathlib").Path(name)
+            folder = source.path.parent if source.path is not None else Path()
+            path = folder / name
             columns = [_column(options.get(axis), axis, i, node.span) for i, axis in enumerate("xy")]
             xs, ys, rows = read_columns(path, columns[0], columns[1], node.span)
             key: tuple[Any, ...] = (str(path), *columns, kind, periodic.data)
@@ -360,7 +360,7 @@ def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:
 
 
 def _check_bounds(build: Build, part: ParameterPart) -> None:
-    for bounds, word, beyond in ((part.low, "min", lambda x, b: x < b), (part.high, "max", lambda x, b: x > b)):
+    for bounds, word, sign in ((part.low, "min", 1.0), (part.high, "max", -1.0)):
         if bounds is None:
             continue
         for name, bound in zip(scalar_names(part.name, part.shape), bounds, strict=True):
@@ -369,7 +369,7 @@ def _check_bounds(build: Build, part: ParameterPart) -> None:
             except Reported:
                 continue
             value = build.numbers.get(name)
-            if value is not None and beyond(value, limit):
+            if value is not None and sign * value < sign * limit:
                 build.fault(
                     Fault(
                         BOUNDS,
@@ -384,7 +384,3 @@ def _check_bounds(build: Build, part: ParameterPart) -> None:
 
 def _value_span(part: ParameterPart) -> Span:
     return next((entry.value.span for entry, _, _ in part.claims if entry.value is not None), part.origin.span)
-
-
-Numbers = Mapping[str, float]
-__all__ = ["Numbers", "Table", "circle_fault", "evaluate", "parameters_of"]

@@ -8,6 +8,7 @@ from typing import Literal
 
 from bgdsl.expr import Expr, leaves
 from bgdsl.ir.graph import BondGraph, Origin, SignalEquation
+from bgdsl.ir.values import Values
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class EquationSystem:
     states: tuple[State, ...]
     unknowns: tuple[str, ...]
     equations: tuple[Equation, ...]
-    values: Mapping[str, Expr]
+    values: Values
     dependent: Mapping[str, Expr | None] = field(default_factory=dict)
     invariants: tuple[Equation, ...] = ()
     initial: tuple[SignalEquation, ...] = ()

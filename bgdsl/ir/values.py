@@ -20,12 +20,13 @@ class Values(Mapping[str, Expr]):
     its own port's effort) cannot be an alias: it stands for itself, and is listed in `loops`.
     """
 
-    def __init__(self, known: Mapping[str, object], aliases: Mapping[str, Expr], made: Mapping[str, Callable[[], Expr]]):
-        self._known = known
+    def __init__(self, known: dict[str, None], aliases: Mapping[str, Expr], made: Mapping[str, Callable[[], Expr]]):
+        self.known = known
         self._aliases = aliases
         self._made = made
         self._done: dict[Expr, Expr] = {}
         self.loops: dict[str, Expr] = {}
+        self.missing: set[str] = set()
 
     def __getitem__(self, name: str) -> Expr:
         if name not in self:
@@ -33,7 +34,7 @@ class Values(Mapping[str, Expr]):
         return self.close(var(name))
 
     def __contains__(self, name: object) -> bool:
-        return name in self._aliases or name in self._made or name in self._known
+        return name in self._aliases or name in self._made or name in self.known
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)
@@ -43,7 +44,7 @@ class Values(Mapping[str, Expr]):
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self._known, *self._aliases, *self._made)))
+        return tuple(dict.fromkeys((*self.known, *self._aliases, *self._made)))
 
     def close(self, root: Expr) -> Expr:
         """The expression with every alias replaced by its value, through any number of levels."""
@@ -79,6 +80,8 @@ class Values(Mapping[str, Expr]):
         if name in self._aliases:
             return self._aliases[name]
         make = self._made.get(name)
+        if make is None and name not in self.known:
+            self.missing.add(name)
         return None if make is None else make()
 
     def _closed(self, node: Expr, wanted: tuple[Expr, ...]) -> Expr:

@@ -24,6 +24,7 @@ from bgdsl.ir.graph import Bond, BondGraph, Element, Law, Origin, SignalEquation
 from bgdsl.ir.scalar import Relation, ScalarGraph, Term
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name
 from bgdsl.ir.values import Values
+from bgdsl.passes.integrate import integral
 from bgdsl.passes.invert import Refusal, divide, reads, solve_for
 from bgdsl.passes.moduli import Moduli
 
@@ -86,6 +87,9 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
         _relation(work, relation)
     _laws(work)
     _signals(work)
+    for check in graph.checks:
+        work.values.close(check.condition)
+    _energies(work)
     for name, value in list(work.values.loops.items()):
         work.unknowns.append(name)
         work.state(var(name), value, None, name.rpartition(".")[0], _origin_of(work, name))
@@ -303,7 +307,20 @@ def _signal_equation(work: _Work, equation: SignalEquation, open_unknowns: set[s
             open_unknowns.discard(one.data)
             work.equations.append(Equation(one, other, one.data, one.data, equation.origin))
             return
-    work.equations.append(Equation(left, right, None, equation.origin.path, equation.origin))
+    work.equations.append(Equation(left, right, None, "", equation.origin))
+
+
+def _energies(work: _Work) -> None:
+    """A state for each energy that the model reads and no formula gives: the integral of the element's power."""
+    for name in [name for name in work.values.missing if name.endswith(".energy")]:
+        element = work.elements[name.removesuffix(".energy")]
+        power = work.values.close(var(f"{element.name}.power"))
+        work.values.missing.discard(name)
+        work.values.known[name] = None
+        work.states.append(State(name, ZERO, "J", f"energy into {element.name}", element.origin, "energy"))
+        work.unknowns.append(derivative_name(name))
+        work.equations.append(Equation(var(derivative_name(name)), power, derivative_name(name), element.name, element.origin))
+    assert all(name.startswith("der(") for name in work.values.missing), work.values.missing
 
 
 # --------------------------------------------------------------------------------------------------------------- values
@@ -321,14 +338,14 @@ def values_of(causal: CausalGraph) -> Values:
 
 
 def _made(graph: BondGraph) -> Iterator[tuple[str, Callable[[], Expr]]]:
-    storages = [element for element in graph.elements if element.states and element.linear is not None]
+    storages = [element for element in graph.elements if element.states]
     for element in graph.elements:
         if len(element.ports) == 1:
             yield f"{element.name}.power", partial(_power, element)
-    for element in storages:
-        yield f"{element.name}.energy", partial(_energy, element)
-    if all(element.linear is not None for element in graph.elements if element.states):
-        yield "energy.total", lambda: add(var(f"{element.name}.energy") for element in storages)
+    energies = {f"{element.name}.energy": energy for element in storages if (energy := _energy(element)) is not None}
+    yield from energies.items()
+    if len(energies) == len(storages):
+        yield "energy.total", lambda: add(map(var, energies))
     for bond in graph.bonds:
         yield f"{bond.name}.power", partial(_bond_power, bond)
         if bond.size is not None:
@@ -342,8 +359,22 @@ def _power(element: Element) -> Expr:
     return add(var(port.variable(element.name, "e", i)) * var(port.variable(element.name, "f", i)) for i in range(port.width))
 
 
-def _energy(element: Element) -> Expr:
-    """The energy stored in a linear storage: half the sum of state times co-energy variable."""
+def _energy(element: Element) -> Callable[[], Expr] | None:
+    """How the energy stored in a storage is computed: half the sum of state times co-energy variable where its law is linear,
+    else the integral of a scalar law. None where no formula is known."""
+    if element.linear is not None:
+        return partial(_quadratic_energy, element)
+    if len(element.states) != 1 or len(element.laws) != 1:
+        return None
+    state = var(element.states[0])
+    law = element.laws[0]
+    if any(leaf is not state for leaf in leaves((law.right,))) or law.left.data == element.states[0]:
+        return None
+    whole = integral(law.right, state)
+    return None if whole is None else lambda: whole
+
+
+def _quadratic_energy(element: Element) -> Expr:
     port = element.ports[0]
     letter = "f" if KINDS[element.kind].state == "p" else "e"
     return HALF * add(var(name) * var(port.variable(element.name, letter, i)) for i, name in enumerate(element.states))

@@ -12,6 +12,7 @@ assignments themselves stay, and `Program.needed` leaves out those that nobody r
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 
 from bgdsl.diagnostics import Code, Reporter
@@ -56,7 +57,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         differentiate=jacobian,
         initial_steps=initial_steps,
         events=collect_events(steps, (*derivatives, *(value for _, value in outputs)), system.states),
-        checks=graph.checks,
+        checks=tuple(replace(c, condition=rewrite((system.values.close(c.condition),), known)[0]) for c in graph.checks),
         invariants=tuple((rewrite((e.left - e.right,), known)[0], e.origin) for e in system.invariants),
         dependent=tuple((name, var(name), start) for name, start in system.dependent.items()),
         experiments=graph.experiments,

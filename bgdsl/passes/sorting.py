@@ -12,10 +12,10 @@ constraints and their multipliers, rows of matrix laws) is torn, and then what i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import Expr, to_text, topological, var
+from bgdsl.expr import Expr, topological, var
 from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, incidence
 from bgdsl.passes.blocks import strong_components
 from bgdsl.passes.invert import solve_for
@@ -23,6 +23,7 @@ from bgdsl.passes.matching import FREE, Matching, Rows, match, overdetermined, u
 from bgdsl.passes.moduli import Moduli
 from bgdsl.passes.starts import initial_system
 from bgdsl.passes.tearing import tear
+from bgdsl.source import Span
 
 OVERDETERMINED = Code("BG501", "more equations than unknowns")
 UNDERDETERMINED = Code("BG502", "fewer equations than unknowns")
@@ -123,54 +124,82 @@ def _degree(roots: Iterable[Expr], degree: dict[Expr, int]) -> int:
 
 
 def _report_singular(system: EquationSystem, rows: Rows, matching: Matching, report: Reporter) -> None:
-    """Name the equations that are one too many, and the unknowns that nothing determines, with the parts they stand in."""
     over = overdetermined(rows, matching)
     if over:
-        unmatched = set(matching.unmatched_rows)
-        first = system.equations[min(unmatched)]
-        names = sorted({system.unknowns[j] for i in over for j in rows[i]})
-        report.add(
-            OVERDETERMINED,
-            f"{_count(len(over), 'equation')} for {_count(len(names), 'unknown')}: the equation of `{first.element}` is one too many",
-            first.origin.span,
-            to_equation(first),
-            others=[(system.equations[i].origin.span, to_equation(system.equations[i])) for i in over if i not in unmatched][:6],
-            notes=_listed("the unknowns are", names),
-        )
+        _report_overdetermined(system, rows, matching, over, report)
     under = underdetermined(rows, matching)
     if under:
         _report_undetermined(system, rows, matching, under, report)
 
 
-def _report_undetermined(system: EquationSystem, rows: Rows, matching: Matching, under: Sequence[int], report: Reporter) -> None:
-    names = [system.unknowns[j] for j in matching.unmatched_columns]
-    place = place_of(system)
-    span = place.get(names[0], system.graph.sources[0])
-    readers = [e for e, row in zip(system.equations, rows, strict=True) if set(row) & set(under)]
+def _report_overdetermined(system: EquationSystem, rows: Rows, matching: Matching, over: Sequence[int], report: Reporter) -> None:
+    """Name the equation that is one too many, and those that leave no unknown for it."""
+    first = system.equations[matching.unmatched_rows[0]]
+    names = sorted({system.unknowns[j] for i in over for j in rows[i]})
+    places = {e.origin.span: _of(e) for e in (system.equations[i] for i in over) if e.origin.span != first.origin.span}
+    held = any(e.origin.span == first.origin.span for e in system.invariants)
     report.add(
-        UNDERDETERMINED,
-        f"nothing determines {', '.join(f'`{name}`' for name in names[:5])}",
-        readers[0].origin.span if readers else span,  # type: ignore[arg-type]
-        to_equation(readers[0]) if readers else "",
-        others=[(e.origin.span, to_equation(e)) for e in readers[1:6]],
-        notes=_listed("these unknowns have fewer equations than there are of them:", [system.unknowns[j] for j in under]),
+        OVERDETERMINED,
+        f"{_of(first)} cannot hold: every unknown in it is determined without it",
+        first.origin.span,
+        "one too many",
+        others=[(span, f"together with {text}") for span, text in places.items()][:6],
+        notes=[
+            *(("no unknown is left for it, nor for its derivative",) if held else ()),
+            f"{_count(len(over), 'equation')} for {_count(len(names), 'unknown')}: {_listed(names)}",
+        ],
+        helps=["remove one of these equations, or one of the parts that state them"],
     )
 
 
-def place_of(system: EquationSystem) -> Mapping[str, object]:
-    """Where signals are declared, by scalar name."""
-    return {name: signal.origin.span for signal in system.graph.signals for name in signal.scalars()}
+def _report_undetermined(system: EquationSystem, rows: Rows, matching: Matching, under: Sequence[int], report: Reporter) -> None:
+    """Name the unknowns that nothing determines, where they are declared, and the equations that read them."""
+    names = [system.unknowns[j] for j in matching.unmatched_columns]
+    places = _declarations(system, names)
+    reached = set(under)
+    readers = [e for e, row in zip(system.equations, rows, strict=True) if not reached.isdisjoint(row)]
+    readers.sort(key=lambda e: e.assigned is not None)
+    shown = {e.origin.span: _of(e) for e in readers}
+    primary = places.get(names[0]) or next(iter(shown))
+    report.add(
+        UNDERDETERMINED,
+        f"nothing determines {_listed(names)}",
+        primary,
+        "one equation is missing" if len(names) == 1 else f"{len(names)} equations are missing",
+        others=[(span, f"reads it in {text}") for span, text in shown.items() if span != primary][:4],
+        notes=[f"{_count(len(under), 'unknown')} for {_count(len(readers), 'equation')}: {_listed([system.unknowns[j] for j in under])}"],
+        helps=["add an equation for each, or remove what is not used"],
+    )
 
 
-def to_equation(equation: Equation) -> str:
-    """The equation in the language's notation, cut where it is long."""
-    text = f"{to_text(equation.left)} = {to_text(equation.right)}"
-    return text if len(text) <= 100 else text[:97] + "..."
+def _declarations(system: EquationSystem, names: Iterable[str]) -> dict[str, Span]:
+    """Where the things are declared whose variables these are: signals, elements, junctions."""
+    graph = system.graph
+    spans = {name: signal.origin.span for signal in graph.signals for name in signal.scalars()}
+    spans |= {thing.name: thing.origin.span for things in (graph.junctions, graph.elements) for thing in things}
+    found = {}
+    for name in names:
+        path = name.removeprefix("der(").rstrip(")") if name.startswith("der(") else name
+        while path and path not in spans:
+            path = path.rpartition(".")[0]
+        if path:
+            found[name] = spans[path]
+    return found
 
 
-def _listed(text: str, names: Sequence[str]) -> tuple[str, ...]:
+def _of(equation: Equation) -> str:
+    """What messages call an equation: the part that states it, or its own text."""
+    return f"the equation of `{equation.element}`" if equation.element else f"`{_shortened(equation.origin.span.text.rstrip(' ;'))}`"
+
+
+def _shortened(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= 80 else line[:77] + "..."
+
+
+def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(f"`{name}`" for name in names[:8])
-    return (f"{text} {shown}{f' and {len(names) - 8} more' if len(names) > 8 else ''}",)
+    return f"{shown} and {len(names) - 8} more" if len(names) > 8 else shown
 
 
 def _count(n: int, thing: str) -> str:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from bgdsl.diagnostics import Code, did_you_mean
-from bgdsl.expr import ONE, TIME, ZERO, Expr, add, const, derivative, leaves, param, substitute, table, topological, var
-from bgdsl.ir.graph import scalar_names
+from bgdsl.expr import TIME, ZERO, Expr, add, const, derivative, leaves, substitute, table, topological, var
 from bgdsl.passes import functions
 from bgdsl.passes.functions import ARGUMENTS, BUILT_INS, CONSTANTS, wrong
+from bgdsl.passes.names import head
 from bgdsl.passes.parts import (
     CYCLE,
     UNKNOWN_NAME,
@@ -41,7 +41,6 @@ from bgdsl.passes.parts import (
     Value,
     array_of,
     entries,
-    leaves_of,
     shape_of,
     shown_shape,
     vector,
@@ -314,7 +313,7 @@ def read(part: Any, node: ast.Reference, i: int, context: Context) -> Value:
         if i + 1 < len(node.parts):
             raise Fault(UNKNOWN_NAME, f"`{step.name}` has no `{node.parts[i + 1].name}`", node.span, f"`{step.name}` is a value")
         value = part.value
-        if value is None:
+        if value is None and isinstance(part, ParameterPart):
             value = context.build.parameter_value(part)
         return select(value, step.subscripts, node.span, context) if step.subscripts else value
     if isinstance(part, Broken):
@@ -347,7 +346,7 @@ def _read_array(part: ArrayPart, node: ast.Reference, i: int, context: Context) 
     chosen = [position(subscripts[k], size, context) if k < len(subscripts) else list(range(size)) for k, size in enumerate(part.shape)]
     inner = replace(node, parts=(*node.parts[:i], replace(step, subscripts=subscripts[n:]), *node.parts[i + 1 :]))
     if all(isinstance(where, int) for where in chosen):
-        return read(part.items[int(np.ravel_multi_index(chosen, part.shape))], inner, i, context)  # type: ignore[arg-type]
+        return read(part.items[int(np.ravel_multi_index(chosen, part.shape))], inner, i, context)
     axes = [[where] if isinstance(where, int) else where for where in chosen]
     values = [read(part.items[int(np.ravel_multi_index(spot, part.shape))], inner, i, context) for spot in _product(axes)]
     shape = tuple(len(axis) for axis, where in zip(axes, chosen, strict=True) if not isinstance(where, int))
@@ -375,7 +374,7 @@ def _read_instance(part: Instance, node: ast.Reference, i: int, context: Context
             f"`{part.cls.name}` has no `{name}`",
             node.parts[i + 1].span,
             "not found",
-            others=[(_head(part.cls.node.span), f"`{part.cls.name}` is defined here")],
+            others=[(head(part.cls.node.span), f"`{part.cls.name}` is defined here")],
             helps=did_you_mean(name, sorted({*part.cls.members, *part.bonds})),
         )
     member = part.cls.members.get(name)
@@ -384,11 +383,6 @@ def _read_instance(part: Instance, node: ast.Reference, i: int, context: Context
             UNREADABLE, f"`{name}` of `{part.cls.name}` is protected", node.parts[i + 1].span, "", others=[(member.span, "declared here")]
         )
     return read(found, node, i + 1, context)
-
-
-def _head(span: Span) -> Span:
-    end = span.source.text.find("\n", span.start)
-    return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))
 
 
 def _read_power(part: Any, node: ast.Reference, i: int, context: Context) -> Value:
@@ -409,7 +403,7 @@ def _read_power(part: Any, node: ast.Reference, i: int, context: Context) -> Val
         what, known = _readable(part)
         raise Fault(
             UNREADABLE,
-            f"{what} `{node.text if not rest else '.'.join(step.name for step in node.parts[: i + 1])}` has no {f'`{rest[0]}`' if rest else 'value of its own'}",
+            f"{what} `{'.'.join(step.name for step in node.parts[: i + 1])}` has no {f'`{rest[0]}`' if rest else 'value of its own'}",
             node.span,
             f"it has {', '.join(f'`.{name}`' for name in known)}",
             helps=did_you_mean(rest[0], known) if rest else (),
@@ -760,5 +754,3 @@ _EVALUATORS: dict[type, Callable[[Any, Context], Value]] = {
     ast.Comprehension: _comprehension,
     ast.Matrix: _matrix,
 }
-
-__all__ = ["ONE", "leaves_of", "param", "scalar_names"]

@@ -16,7 +16,7 @@ from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import Expr
 from bgdsl.ir.graph import Experiment, Origin, scalar_names
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
-from bgdsl.passes.instantiate import _element_claims, _spots, claimed_value
+from bgdsl.passes.instantiate import claimed_value, element_claims, spots_of
 from bgdsl.passes.names import Modification
 from bgdsl.passes.parameters import spread
 from bgdsl.passes.parts import (
@@ -169,8 +169,8 @@ def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterat
 def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple[str, Expr]]:
     match part:
         case ArrayPart():
-            for item, spot in zip(part.items, _spots(part.shape), strict=True):
-                inner = tuple(_element_claims(claims, tuple(zip(spot, part.shape, strict=True))))
+            for item, spot in zip(part.items, spots_of(part.shape), strict=True):
+                inner = tuple(element_claims(claims, tuple(zip(spot, part.shape, strict=True))))
                 yield from _of_part(item, inner, span)
         case Instance():
             names = list(dict.fromkeys(name for entry, _, _ in claims for name in entry.nested))

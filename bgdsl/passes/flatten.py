@@ -17,12 +17,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from bgdsl.diagnostics import BgError, Code, Reporter, did_you_mean
+from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.expr import Expr, substitute, var
 from bgdsl.ir.domains import Domain
 from bgdsl.ir.elements import component
 from bgdsl.ir.graph import (
-    Bond,
     BondGraph,
     Check,
     Element,
@@ -36,7 +35,7 @@ from bgdsl.passes import connect, laws, statements
 from bgdsl.passes.elaborate import RECURSIVE
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.instantiate import expand, make_part
-from bgdsl.passes.names import Member, Names, Resolved
+from bgdsl.passes.names import Member, Names, Resolved, head
 from bgdsl.passes.parameters import evaluate_parameter, finish_parameters, table_value
 from bgdsl.passes.parts import (
     Build,
@@ -75,7 +74,7 @@ def flatten(
         with _undisturbed():
             return _flatten(library, node, names, report, dict(overrides or {}), part)
     except RecursionError:
-        report.fail(RECURSIVE, "functions or constants call each other too deep", _head(node.span), "in this model")
+        report.fail(RECURSIVE, "functions or constants call each other too deep", head(node.span), "in this model")
 
 
 def is_part(library: Library, name: str) -> bool:
@@ -138,9 +137,9 @@ def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Mo
     report.fail(
         WHICH_MODEL,
         f"`{source.name}` has {len(chosen)} models that no other uses" if free else f"every model of `{source.name}` is used by another",
-        _head(chosen[0].span),
+        head(chosen[0].span),
         "one of them",
-        others=[(_head(other.span), "another") for other in chosen[1:6]],
+        others=[(head(other.span), "another") for other in chosen[1:6]],
         notes=_listed([model.name for model in chosen]),
         helps=("say which one with `--model`",),
     )
@@ -178,11 +177,6 @@ def _redeclared(arguments: Sequence[ast.Argument]) -> Iterator[str]:
             yield from _redeclared(argument.nested)
 
 
-def _head(span: Span) -> Span:
-    end = span.source.text.find("\n", span.start)
-    return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))
-
-
 # ------------------------------------------------------------------------------------------------------------ the steps
 
 
@@ -210,7 +204,7 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     elements = _elements(build, lines)
     signals = _signals(build, lines)
     experiments = make_experiments(root)
-    parameters = finish_parameters(build, _ordered(build), _head(node.span))
+    parameters = finish_parameters(build, _ordered(build), head(node.span))
     if part:
         _leave_to_users(build, node.name in _extended(library))
     else:
@@ -442,6 +436,3 @@ def _rename(found: dict[str, str], old: str, i: int | None, new: str, j: int | N
     if (old, i) != (new, j):
         for letter in "ef":
             found[component(f"{old}.{letter}", i)] = component(f"{new}.{letter}", j)
-
-
-__all__ = ["Bond", "choose_model", "flatten"]

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bgdsl.diagnostics import Code
-from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, param, topological, unary, var
-from bgdsl.ir.graph import Origin, SignalEquation, scalar_names
+from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, topological, unary, var
+from bgdsl.ir.graph import Origin, SignalEquation
 from bgdsl.passes.parts import Build, Context, Fault, Value, array_of, entries, leaves_of, shape_of, shown_shape
 from bgdsl.passes.values import diagonal, elementwise, full, identity, kind_of, matmul
 from bgdsl.source import Span
@@ -214,7 +214,7 @@ def _cofactor(a: np.ndarray[Any, Any], i: int, j: int) -> Expr:
     """The signed minor of a matrix of three rows."""
     r, s = [k for k in range(3) if k != i]
     c, d = [k for k in range(3) if k != j]
-    minor = a[r, c] * a[s, d] - a[r, d] * a[s, c]
+    minor: Expr = a[r, c] * a[s, d] - a[r, d] * a[s, c]
     return minor if (i + j) % 2 == 0 else -minor
 
 
@@ -371,6 +371,3 @@ def call(name: str, args: Arguments, span: Span, context: Context) -> Value:
     if name in ("mod", "rem", "div", "atan2", "min", "max") and len({shape_of(arg) for arg in args} - {()}) > 1:
         raise wrong(f"the arguments of `{name}` differ in shape", span)
     return function(args, span, context)
-
-
-__all__ = ["BUILT_INS", "CONSTANTS", "adjugate", "call", "param", "scalar_names", "solve"]

@@ -22,7 +22,7 @@ from bgdsl.ir.elements import JUNCTIONS, KINDS, Kind
 from bgdsl.ir.graph import Instance as FlatInstance
 from bgdsl.ir.graph import Origin
 from bgdsl.passes.elaborate import evaluate, evaluate_integer, evaluate_now
-from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Modification, Resolved, describe
+from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Modification, Resolved, describe, head
 from bgdsl.passes.parts import (
     UNKNOWN_TARGET,
     Absent,
@@ -276,9 +276,9 @@ def _spread(instance: Instance, member: Member, claims: tuple[Claim, ...], make:
         return make(path, claims)
     shape = tuple(_extent(dim, claims[-1][1], member) for dim in dims)
     items = []
-    for spot in _spots(shape):
+    for spot in spots_of(shape):
         index: Index = tuple(zip(spot, shape, strict=True))
-        inner = tuple(_element_claims(claims, index))
+        inner = tuple(element_claims(claims, index))
         items.append(make(f"{path}[{','.join(str(i + 1) for i in spot)}]", inner))
     return ArrayPart(path, shape, tuple(items))
 
@@ -292,14 +292,14 @@ def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
     return size
 
 
-def _spots(shape: Sequence[int]) -> list[tuple[int, ...]]:
+def spots_of(shape: Sequence[int]) -> list[tuple[int, ...]]:
     spots: list[tuple[int, ...]] = [()]
     for size in shape:
         spots = [(*spot, i) for spot in spots for i in range(size)]
     return spots
 
 
-def _element_claims(claims: Sequence[Claim], index: Index) -> list[Claim]:
+def element_claims(claims: Sequence[Claim], index: Index) -> list[Claim]:
     """What is said about one element of an array of components."""
     found: list[Claim] = []
     for entry, author, before in claims:
@@ -334,14 +334,14 @@ def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, cl
                 f"model `{cls.name}` contains itself",
                 member.span,
                 "an instance of it, inside it",
-                others=[(_head(cls.node.span), "the model")],
+                others=[(head(cls.node.span), "the model")],
             )
         chain = chain.outer
     if member.declaration.type.dims:
         raise Fault(
             SIZE, f"`{cls.name}` is {describe(resolved)}, it has no dimensions", member.declaration.type.span, "put the size after the name"
         )
-    check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", _head(cls.node.span))
+    check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", head(cls.node.span))
     _check_protected(build, claims, cls)
     layers = tuple((entry.nested, author, index) for entry, author, index in claims if entry.nested)
     return Instance(path, cls, layers, build, Origin(outer.path, member.span), member.declarator.comment or "", outer)
@@ -361,11 +361,6 @@ def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
                         others=[(member.span, "declared here")],
                     )
                 )
-
-
-def _head(span: Span) -> Span:
-    end = span.source.text.find("\n", span.start)
-    return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))
 
 
 NOTHING: frozenset[str] = frozenset()

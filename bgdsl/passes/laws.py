@@ -11,16 +11,13 @@ Reports      BG250 value missing, BG251 contradictory, BG252 a constant kind rea
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from bgdsl.diagnostics import Code
-from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological, var
-from bgdsl.ir.elements import Kind, component
+from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological
+from bgdsl.ir.elements import component
 from bgdsl.ir.graph import Element, Law, Port
-from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.instantiate import attribute, check_targets, claimed_value, nested
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (
@@ -32,10 +29,8 @@ from bgdsl.passes.parts import (
     ParameterPart,
     Reported,
     Value,
-    array_of,
     entries,
     leaves_of,
-    parameters_of,
     shape_of,
     shown_shape,
     unknowns_of,
@@ -268,7 +263,7 @@ def _source_laws(part: ElementPart, name: str, value: Value, span: Span) -> tupl
 
 
 def _wrong_size(part: ElementPart, name: str, value: Value, span: Span) -> Fault:
-    sizes = [size for size in part.sizes]
+    sizes = part.sizes
     if part.kind.ports == 2 and sizes[0] is not None:
         wanted = f"a matrix of {sizes[1]} x {sizes[0]}"
     elif sizes[0] is None:
@@ -463,7 +458,3 @@ def _equal_by_default(build: Build, a: Expr, b: Expr, span: Span) -> bool:
     except (Reported, Fault):
         return False
     return abs(x - y) <= 1e-12 * max(abs(x), abs(y))
-
-
-Numbers = Sequence[Any]
-__all__ = ["Kind", "Numbers", "array_of", "evaluate_expression", "parameters_of", "var"]

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.ir.domains import DOMAINS
@@ -194,9 +193,9 @@ class Names:
             if isinstance(item, ast.Import | ast.Test):
                 continue
             if item.name in BUILT_IN:
-                self._duplicate(item.name, _head(item.span), "the language itself defines a class of this name", ())
+                self._duplicate(item.name, head(item.span), "the language itself defines a class of this name", ())
             elif item.name in first:
-                self._duplicate(item.name, _head(item.span), "again here", ((_head(first[item.name]), "first here"),))
+                self._duplicate(item.name, head(item.span), "again here", ((head(first[item.name]), "first here"),))
             first.setdefault(item.name, item.span)
 
     def _duplicate(self, name: str, span: Span, label: str, others: Iterable[tuple[Span, str]]) -> None:
@@ -291,7 +290,7 @@ class Names:
         for item in node.items:
             if isinstance(item, ast.Model | ast.ShortFunction | ast.LongFunction | ast.TypeDefinition | ast.Domain):
                 if item.name in own:
-                    self._duplicate(item.name, _head(item.span), "again here", ((_head(own[item.name][0].span), "first here"),))
+                    self._duplicate(item.name, head(item.span), "again here", ((head(own[item.name][0].span), "first here"),))
                 own.setdefault(item.name, (item, scope))
         made = Class(node.name, node, scope, {}, (), (), {}, own)
         for item in node.items:
@@ -364,7 +363,7 @@ class Names:
                 f"`{resolved.name}` extends itself: {' -> '.join(node.name for node in circle)}",
                 item.span,
                 "this closes the circle",
-                others=[(_head(resolved.node.span), "the class begins here")],
+                others=[(head(resolved.node.span), "the class begins here")],
             )
             return
         base = self.make(resolved)
@@ -416,7 +415,7 @@ class Names:
                     f"`{base.name}` has no `{name}` to modify",
                     change.span,
                     "no such component or parameter",
-                    others=[(_head(base.node.span), f"`{base.name}` is defined here")],
+                    others=[(head(base.node.span), f"`{base.name}` is defined here")],
                     helps=did_you_mean(name, base.members),
                 )
 
@@ -442,7 +441,7 @@ def describe(resolved: Resolved) -> str:
             return "a basic type"
 
 
-def _head(span: Span) -> Span:
+def head(span: Span) -> Span:
     """The first line of a definition."""
     end = span.source.text.find("\n", span.start)
     return Span(span.source, span.start, min(span.end, end if end >= 0 else span.end))

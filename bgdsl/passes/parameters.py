@@ -280,12 +280,11 @@ def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
                 "",
                 helps=('write `table("file.csv", x = "a", y = "b")` or `table({0, 1}, {2, 3})`',),
             )
-    name = next((name for name, known in build.table_keys.items() if known == key), None)
-    if name is None:
-        name = f"table{len(build.tables) + 1}"
-        build.tables[name] = replace(make_table(name, xs, ys, kind, bool(periodic.data), node.span, rows), span=node.span)
-        build.table_keys[name] = key
-    return TableName(name)
+    if key not in build.table_keys:
+        made = f"table{len(build.tables) + 1}"
+        build.tables[made] = replace(make_table(made, xs, ys, kind, bool(periodic.data), node.span, rows), span=node.span)
+        build.table_keys[key] = made
+    return TableName(build.table_keys[key])
 
 
 def _column(value: Value | None, axis: str, i: int, span: Span) -> Column:

@@ -12,14 +12,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from bgdsl.diagnostics import Code
-from bgdsl.expr import Expr, leaves, var
+from bgdsl.expr import leaves
 from bgdsl.ir.graph import Check, Element, Law, Origin, Port, Signal, SignalEquation, scalar_names
 from bgdsl.passes.connect import connect
 from bgdsl.passes.elaborate import evaluate, evaluate_now, evaluate_scalar, iterations
 from bgdsl.passes.instantiate import attribute, claimed_value
-from bgdsl.passes.names import Scope
+from bgdsl.passes.names import head
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (
+    ArrayPart,
     Build,
     Context,
     Fault,
@@ -256,18 +257,12 @@ def make_field(instance: Instance, lines: Lines) -> Element:
         raise Fault(
             EQUATIONS_OF_ELEMENT,
             f"element `{instance.cls.name}` has {len(laws)} equations between its ports, {wanted} are wanted",
-            instance.cls.node.span.source and _head(instance),
+            head(instance.cls.node.span),
             "one for each port (and component)",
             helps=("an equation of an element relates the efforts and flows of its ports",),
         )
     origin = instance.declared or Origin("", instance.cls.node.span)
     return Element(instance.path, "field", ports, origin, laws, comment=instance.comment)
-
-
-def _head(instance: Instance):  # type: ignore[no-untyped-def]
-    from bgdsl.passes.instantiate import _head as head
-
-    return head(instance.cls.node.span)
 
 
 def _local(part: PortPart, instance: Instance) -> str:
@@ -276,8 +271,6 @@ def _local(part: PortPart, instance: Instance) -> str:
 
 def ports_of(instance: Instance) -> Iterator[PortPart]:
     """The ports of an element, arrays of ports opened, in order; each is given its position."""
-    from bgdsl.passes.parts import ArrayPart
-
     position = 0
     for name in instance.cls.members:
         part = instance.part(name)
@@ -286,6 +279,3 @@ def ports_of(instance: Instance) -> Iterator[PortPart]:
                 item.position = position
                 position += 1
                 yield item
-
-
-__all__ = ["Expr", "Scope", "var"]

@@ -24,8 +24,8 @@ def test_a_second_bond_between_the_same_ends_is_numbered(seen) -> None:
 
 def test_ports_are_fused(flat) -> None:
     graph = flat(
-        PIPE
-        + "model Top\n Pipe p[3]; Se s(e = 1); C tank(C = 1);\nequation\n s -> p[1].a; p[1].b -> p[2].a; p[2].b -> p[3].a; out: p[3].b -> tank;\nend Top;",
+        PIPE + "model Top\n Pipe p[3]; Se s(e = 1); C tank(C = 1);\nequation\n"
+        " s -> p[1].a; p[1].b -> p[2].a; p[2].b -> p[3].a; out: p[3].b -> tank;\nend Top;",
         "Top",
     )
     assert [(b.tail.node, b.head.node) for b in graph.bonds if "friction" not in b.head.node] == [
@@ -122,7 +122,10 @@ end Top;"""
 
 
 def test_open_junctions_take_bonds_from_outside(seen) -> None:
-    text = "model B\n open J1 v; I m(I = 1);\nequation\n v -> m;\nend B;\nmodel Top\n B b; Se s(e = 1); R r(R = 1);\nequation\n s -> b.v; b.v -> r;\nend Top;"
+    text = (
+        "model B\n open J1 v; I m(I = 1);\nequation\n v -> m;\nend B;\nmodel Top\n B b; Se s(e = 1); R r(R = 1);\n"
+        "equation\n s -> b.v; b.v -> r;\nend Top;"
+    )
     assert seen(text, "Top").bonds["b_v_r"] == ("b.v", "r")
 
 

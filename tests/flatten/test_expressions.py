@@ -11,7 +11,10 @@ from bgdsl.diagnostics import BgError
 from bgdsl.expr import evaluate
 from bgdsl.ir.graph import BondGraph
 
-TAIL = "\n J1 v; I m(I = 1); Se s(e = 1); J1[3] w; I[3] J(I = {1, 2, 3}); Se[3] t(e = {1, 1, 1});\nequation\n s -> v; v -> m; t => w; w => J;\nend M;"
+TAIL = (
+    "\n J1 v; I m(I = 1); Se s(e = 1); J1[3] w; I[3] J(I = {1, 2, 3}); Se[3] t(e = {1, 1, 1});\nequation\n"
+    " s -> v; v -> m; t => w; w => J;\nend M;"
+)
 
 
 def values(graph: BondGraph, name: str) -> list[float]:
@@ -98,7 +101,11 @@ model M
 
 
 def test_structural_zeros_survive_products(seen) -> None:
-    text = "model M\n parameter Real r[3] = {1, 2, 3};\n MTF[3, 3] arm(T = identity(3)*skew(r)); J1[3] a; J0[3] b; Se[3] s(e = {1, 1, 1}); C[3] c(k = 1);\nequation\n s => a; a => arm => b; b => c;\nend M;"
+    text = (
+        "model M\n parameter Real r[3] = {1, 2, 3};\n"
+        " MTF[3, 3] arm(T = identity(3)*skew(r)); J1[3] a; J0[3] b; Se[3] s(e = {1, 1, 1}); C[3] c(k = 1);\nequation\n"
+        " s => a; a => arm => b; b => c;\nend M;"
+    )
     assert seen(text).modulus["arm"] == [["0", "-r[3]", "r[2]"], ["r[3]", "0", "-r[1]"], ["-r[2]", "r[1]", "0"]]
 
 
@@ -167,7 +174,11 @@ end M;"""
 
 
 def test_components_of_vectors_and_arrays(seen) -> None:
-    text = f"model M\n Real a = w.f[2];  Real b[2] = J.p[2:3];  Real c = w.f*t.e;  Real d[3] = {{r[i].f for i in 1:3}};  Real g = sum(r.power);\n R r[3](each R = 1);{TAIL}"
+    text = (
+        f"model M\n"
+        f" Real a = w.f[2];  Real b[2] = J.p[2:3];  Real c = w.f*t.e;  Real d[3] = {{r[i].f for i in 1:3}};  Real g = sum(r.power);\n"
+        f" R r[3](each R = 1);{TAIL}"
+    )
     text = text.replace("s -> v;", "s -> v; for i in 1:3 loop v -> r[i]; end for;")
     got = seen(text).equations
     assert got[:3] == ["a = w.f[2]", "b[1] = J.p[2]", "b[2] = J.p[3]"]

@@ -92,7 +92,8 @@ def test_a_law_reads_own_variables_then_the_authors(seen) -> None:
 
 def test_types_bring_units_and_bounds(flat) -> None:
     graph = flat(
-        'type Mass = Real(unit = "kg", min = 0);\nmodel M\n parameter Mass m = 2;\n J1 v; I x(I = m); Se s(e = 1);\nequation\n s -> v; v -> x;\nend M;'
+        'type Mass = Real(unit = "kg", min = 0);\nmodel M\n parameter Mass m = 2;\n J1 v; I x(I = m); Se s(e = 1);\n'
+        "equation\n s -> v; v -> x;\nend M;"
     )
     (m,) = [p for p in graph.parameters if p.name == "m"]
     assert m.unit == "kg"
@@ -100,7 +101,10 @@ def test_types_bring_units_and_bounds(flat) -> None:
 
 
 def test_overrides_set_any_parameter(flat) -> None:
-    text = "model M\n parameter Integer n = 2; parameter Real g[n] = fill(1, n);\n J1 v; I x[n](I = g); Se s(e = 1);\nequation\n s -> v;\n for i in 1:n loop v -> x[i]; end for;\nend M;"
+    text = (
+        "model M\n parameter Integer n = 2; parameter Real g[n] = fill(1, n);\n J1 v; I x[n](I = g); Se s(e = 1);\n"
+        "equation\n s -> v;\n for i in 1:n loop v -> x[i]; end for;\nend M;"
+    )
     graph = flat(text, n=4)
     assert [e.name for e in graph.elements] == ["x[1]", "x[2]", "x[3]", "x[4]", "s"]
     assert next(p for p in graph.parameters if p.name == "n").structural

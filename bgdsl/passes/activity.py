@@ -85,13 +85,14 @@ def activities(
     experiment: str | None,
     window: tuple[float, float],
     report: Reporter,
-    error: float = 0.0,
+    errors: Sequence[float] | None = None,
 ) -> ActivityReport:
-    """Activities from the integrals of `wanted.expressions`. error: absolute quadrature error of the integrals (J)."""
+    """Activities from the integrals of `wanted.expressions`. errors: the quadrature's own estimate for each of them."""
     _check_finite(scalar, wanted, integrals, report)
     energy = [0.0 if k is None else max(0.0, float(integrals[k])) for k in wanted.power]
     size = [math.nan if k is None else math.sqrt(max(0.0, float(integrals[k]))) for k in wanted.square]
     largest = max(energy, default=0.0)
+    error = max((float(errors[k]) for k in wanted.power if k is not None), default=0.0) if errors is not None else 0.0
     _check_resolved(scalar, largest, error, report)
     junctions = tuple(_junction(scalar, j, energy, size) for j in range(len(scalar.junctions)))
     relative = error / largest if largest else 0.0

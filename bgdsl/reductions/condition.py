@@ -52,6 +52,10 @@ class Decision:
         terms = tuple(t for t in terms if t in self.dropped)
         return replace(self, dropped=self.dropped - frozenset(terms), reinstated=(*self.reinstated, *terms))
 
+    def restricted(self, terms: frozenset[int]) -> Decision:
+        """The decision to drop no other terms than these."""
+        return replace(self, dropped=self.dropped & terms)
+
 
 # ---------------------------------------------------------------------------------------------------------------- decide
 

@@ -28,7 +28,7 @@ def measure(model: pipeline.Model, experiment: str | None = None, **more: Any) -
     found = run.trajectory.integrals
     assert found is not None
     return activities(
-        model.scalar, wanted, found.values, experiment=experiment, window=found.window, report=Reporter(), error=float(found.errors.max())
+        model.scalar, wanted, found.values, experiment=experiment, window=found.window, report=Reporter(), errors=found.errors
     )
 
 

@@ -1,0 +1,248 @@
+"""Partitions of a model at a threshold: found, reported, and written one file each.
+
+Input        ScalarGraph, ActivityReport, a threshold; how dependencies and partitions are found (callables)
+Output       Partitioning; the text of each partition, and what passes between them
+Establishes  a partition reads earlier ones only; by default only terms on the boundary between partitions are dropped
+Reports      nothing: where there is one partition only, `Partitioning.misses` says which terms stand in the way
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bgdsl.ir.activity import ActivityReport
+from bgdsl.ir.partition import Dependencies, Edge, Partition, Partitions
+from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.reductions.condition import Decision, decide, settle
+from bgdsl.reductions.determined import gone_elements, reinstate
+from bgdsl.reductions.flat_text import FlatPart, flat_name, flat_text
+from bgdsl.reductions.rewrite_source import Provenance, term_comments
+
+Needs = Callable[[frozenset[int]], Dependencies]
+Split = Callable[[Dependencies, Collection[Edge]], Partitions]
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """A signal held at `value` where it modulates `reader` (a term's index, or the left side of a signal's equation).
+    change: the largest integral of |change of e f| of a term it touches, relative to the largest activity at its junctions."""
+
+    signal: str
+    reader: int | str
+    value: float
+    change: float
+
+
+@dataclass(frozen=True, slots=True)
+class Miss:
+    """A term that would have to fall for the model to come apart, and its rho."""
+
+    term: int
+    junction: str
+    name: str
+    rho: float
+
+
+@dataclass(frozen=True, slots=True)
+class Partitioning:
+    """decision: what is dropped, inside the partitions too if they are to be conditioned. misses: nearest first, if there is one
+    partition only; apart_at: the threshold at which they would fall, None if at none."""
+
+    decision: Decision
+    partitions: Partitions
+    frozen: tuple[Frozen, ...] = ()
+    misses: tuple[Miss, ...] = ()
+    apart_at: float | None = None
+
+
+def find_partitions(
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    threshold: float,
+    needs: Needs,
+    split: Split,
+    *,
+    conditioned: bool = False,
+    guard: bool = True,
+    freezable: Mapping[Edge, Frozen] | None = None,
+) -> Partitioning:
+    """The partitions at a threshold. freezable: modulating edges whose signal may be held, with what that changes; those below
+    the threshold are held where they would close a loop between partitions."""
+    holding = {edge: frozen for edge, frozen in (freezable or {}).items() if frozen.change < threshold}
+    decision = reinstate(scalar, report, decide(scalar, report, threshold, guard=guard))
+    found, frozen = _apart(needs(decision.dropped), split, holding)
+    if len(found.partitions) < 2:
+        misses, apart_at = nearest_misses(scalar, report, threshold, needs, split, guard=guard, freezable=freezable or {})
+        return Partitioning(decision, found, (), misses, apart_at)
+    if not conditioned:
+        decision = boundary(scalar, decision, found)
+        found, frozen = _apart(needs(decision.dropped), split, holding)
+    return Partitioning(decision, found, frozen)
+
+
+def boundary(scalar: ScalarGraph, decision: Decision, found: Partitions) -> Decision:
+    """The decision restricted to terms between two partitions."""
+    between = set()
+    for t in decision.dropped:
+        term = scalar.terms[t]
+        if term.other is not None and found.of_node[term.junction] != found.of_node[scalar.terms[term.other].junction]:
+            between.add(t)
+    return settle(scalar, decision.restricted(frozenset(between)))
+
+
+def _apart(needs: Dependencies, split: Split, holding: Mapping[Edge, Frozen]) -> tuple[Partitions, tuple[Frozen, ...]]:
+    """Partitions with as many signals held as it takes: those against the order found when all are."""
+    edges = [edge for edge in needs.edges if edge in holding]
+    found = split(needs, edges)
+    against = [edge for edge in edges if found.of_node[edge.source] > found.of_node[edge.reader]]
+    return split(needs, against), tuple(holding[edge] for edge in against)
+
+
+def nearest_misses(
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    threshold: float,
+    needs: Needs,
+    split: Split,
+    *,
+    guard: bool,
+    freezable: Mapping[Edge, Frozen],
+    most: int = 12,
+) -> tuple[tuple[Miss, ...], float | None]:
+    """The terms that would have to fall beside those below the threshold, nearest first, and the threshold that fells them."""
+    levels = sorted({term.rho for junction in report.junctions for term in junction.terms if threshold <= term.rho < 1.0})
+    levels += sorted({f.change for f in freezable.values() if threshold <= f.change < 1.0})
+    levels.sort()
+
+    def at(level: float) -> tuple[Decision, Partitions]:
+        eps = level * (1 + 1e-12) + 1e-300
+        decision = decide(scalar, report, eps, guard=guard)
+        holding = {edge: frozen for edge, frozen in freezable.items() if frozen.change < eps}
+        return decision, _apart(needs(decision.dropped), split, holding)[0]
+
+    low, high = 0, len(levels)
+    while low < high:
+        middle = (low + high) // 2
+        if len(at(levels[middle])[1].partitions) >= 2:
+            high = middle
+        else:
+            low = middle + 1
+    if low == len(levels):
+        return (), None
+    decision, found = at(levels[low])
+    between = boundary(scalar, decision, found).dropped
+    records = report.by_index()
+    names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
+    misses = [Miss(t, names[t], records[t].name, records[t].rho) for t in between if records[t].rho >= threshold]
+    return tuple(sorted(misses, key=lambda miss: (miss.rho, miss.term))[:most]), levels[low]
+
+
+# -------------------------------------------------------------------------------------------------------------- written
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """One partition's file: its name, its text, and the variables it reads and gives with the names they have there."""
+
+    file: str
+    text: str
+    partition: Partition
+    inputs: Mapping[str, str]
+    outputs: Mapping[str, str]
+
+
+def write_partitions(
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    result: Partitioning,
+    provenance: Provenance,
+    stem: str,
+    *,
+    folder: Path | None = None,
+    changed: Mapping[str, float] | None = None,
+    wanted: Collection[int] | None = None,
+) -> tuple[Written, ...]:
+    """The file of each partition (or of those wanted). changed: parameters that get new defaults."""
+    parts = [_part(scalar, result, partition, changed or {}) for partition in result.partitions.partitions]
+    comments = term_comments(scalar, report)
+    annotation = provenance.annotation()
+    asked = [flat_text(scalar, part, annotation, comments, folder=folder)[1] for part in parts]
+    given = {variable: None for inputs in asked for variable in inputs}
+    written = []
+    for partition, part, inputs in zip(result.partitions.partitions, parts, asked, strict=True):
+        if wanted is not None and partition.number not in wanted:
+            continue
+        gives = tuple(v for v in given if v not in inputs and _belongs(scalar, result, partition, v))
+        giving = FlatPart(part.junctions, part.signals, part.dropped, part.gone, part.frozen, gives, part.changed)
+        model = f"{report.model}_{partition.number + 1}_{partition.role}"
+        text, _ = flat_text(scalar, giving, annotation, comments, folder=folder, name=model)
+        file = f"{stem}_{partition.number + 1}_{partition.role}.bg"
+        names = [{v: flat_name(v) for v in some} for some in (inputs, gives)]
+        written.append(Written(file, text, partition, *names))
+    return tuple(written)
+
+
+def _belongs(scalar: ScalarGraph, result: Partitioning, partition: Partition, variable: str) -> bool:
+    if variable in partition.signals:
+        return True
+    if any(scalar.junctions[j].variable == variable for j in partition.junctions):
+        return True
+    element = variable.rpartition(".")[0]
+    return any(term.element == element and term.junction in partition.junctions for term in scalar.terms)
+
+
+def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, changed: Mapping[str, float]) -> FlatPart:
+    frozen = {(f.reader, f.signal): f.value for f in result.frozen}
+    gone = gone_elements(scalar, result.decision)
+    return FlatPart(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, (), changed)
+
+
+def partition_json(scalar: ScalarGraph, report: ActivityReport, result: Partitioning, written: Sequence[Written]) -> str:
+    """`partition.json`: the files with their sizes, the signals between them, the dropped terms, the signals held."""
+    records = report.by_index()
+    names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
+    files = {w.partition.number: w.file for w in written}
+    giver = {v: w.partition.number for w in written for v in w.outputs}
+    return json.dumps(
+        {
+            "model": report.model,
+            "experiment": report.experiment,
+            "window": list(report.window),
+            "threshold": result.decision.threshold,
+            "partitions": [
+                {
+                    "file": w.file,
+                    "role": w.partition.role,
+                    "states": len(w.partition.states),
+                    "drivers": [files[d] for d in w.partition.drivers if d in files],
+                    "inputs": list(w.inputs.values()),
+                    "outputs": list(w.outputs.values()),
+                    "state_names": list(w.partition.states),
+                }
+                for w in written
+            ],
+            "signals": [
+                {"variable": v, "name": name, "from": files[giver[v]], "to": w.file}
+                for w in written
+                for v, name in w.inputs.items()
+                if v in giver
+            ],
+            "terms": [
+                {"term": records[t].name, "junction": names[t], "rho": records[t].rho, "activity": records[t].activity}
+                for t in sorted(result.decision.dropped)
+            ],
+            "frozen": [
+                {
+                    "signal": f.signal,
+                    "reader": f.reader if isinstance(f.reader, str) else records[f.reader].name,
+                    "value": f.value,
+                    "change": f.change,
+                }
+                for f in result.frozen
+            ],
+        },
+        indent=2,
+    )

@@ -45,7 +45,6 @@ class Item:
     level: int
     gap: str
     lines_before: int
-    column: int
 
 
 def format_source(source: Source, report: Reporter) -> str:
@@ -95,7 +94,7 @@ def _items(source: Source, tokens: Tokens) -> Iterator[Item]:
         if gap and not between.strip(" ") and (lead == "statement" or _may_line_up(tokens, index)):
             gap = " " * max(1, len(between))
         word = "initial equation" if tokens.kinds[index] == "INITIAL_EQUATION" else tokens.texts[index]
-        yield Item(word, tokens.kinds[index], lead, level, gap, between.count("\n"), _column(text, place))
+        yield Item(word, tokens.kinds[index], lead, level, gap, between.count("\n"))
         last = place + len(tokens.texts[index])
 
 
@@ -113,13 +112,15 @@ def _comment(source: Source, start: int, end: int, last: int, place: int, leads:
         level = max(level + 1, inner) if index else level
     gap = " " * max(1, len(between)) if "\n" not in between and last else ""
     newlines = between.count("\n") if last else 0
-    return Item(source.text[start:end].rstrip(), "COMMENT", "statement" if lead != "inside" else "inside", level, gap, newlines, column)
+    return Item(source.text[start:end].rstrip(), "COMMENT", "statement" if lead != "inside" else "inside", level, gap, newlines)
 
 
 def _may_line_up(tokens: Tokens, index: int) -> bool:
     """Descriptions and the columns of tables may stand apart, to line up with the lines above and below."""
     before = tokens.kinds[index - 1] if index else ""
-    return before in ("COMMA", "SEMICOLON") or (tokens.kinds[index] == "STRING" and before in _VALUES)
+    return before in ("COMMA", "SEMICOLON") or (
+        tokens.kinds[index] == "STRING" and before in _VALUES and tokens.kinds[index - 2] not in ("MODEL", "ELEMENT", "FUNCTION", "DOMAIN")
+    )
 
 
 @dataclass(slots=True)
@@ -267,7 +268,6 @@ class _Writer:
         self.line = ""
         self.base = 0
         self.brackets: list[int | None] = []
-        self.comment_before = False
 
     def write(self, items: list[Item]) -> str:
         index = 0
@@ -308,14 +308,13 @@ class _Writer:
         brackets, base = list(self.brackets), self.base
         column = self.indent(items[0])
         self.brackets, self.base = brackets, base
-        depth, best, best_rank = 0, 0, (-1, 0)
+        depth, best, best_rank = 0, 0, -1000
         for index, item in enumerate(items):
-            column += len(item.gap) * (index > 0) + len(item.text.partition("\n")[0])
-            if index and item.kind != "COMMENT":
+            if index and item.kind != "COMMENT" and column <= WIDTH:
                 rank = self.rank(items[index - 1], item, depth)
-                before = column - len(item.text) - len(item.gap)
-                if rank is not None and (rank, 0) >= best_rank and before <= WIDTH:
-                    best, best_rank = index, (rank, 0)
+                if rank is not None and rank >= best_rank:
+                    best, best_rank = index, rank
+            column += len(item.gap) * (index > 0) + len(item.text.partition("\n")[0])
             if column > WIDTH and item.kind != "COMMENT" and best:
                 return best
             depth += (item.kind in _OPENING) - (item.kind in _CLOSING)

@@ -164,7 +164,7 @@ class Machine:
                 action = actions.get("NAME")
                 if action is not None and action >= 0:  # the formatter wants to know what was a name
                     kinds[index] = "NAME"
-            if action is None or len(states) > MAX_STACK:
+            if action is None:
                 self.index, self.token, self.end = index, (kind, text, start), end
                 if not recover(self):
                     return None
@@ -174,6 +174,10 @@ class Machine:
                 values.append(text)
                 begins.append(start)
                 end = start + len(text)
+                if len(states) > MAX_STACK:
+                    self.token = (kind, text, start)
+                    if not recover(self):
+                        return None
                 if self.pending:
                     self.advance()
                     kind, text, start = self.token
@@ -182,7 +186,12 @@ class Machine:
                     kind, text, start = kinds[index], texts[index], starts[index]
             else:
                 origin, length, build, take = reducers[-1 - action]
-                if length:
+                if length == 1:
+                    begin = begins.pop()
+                    states.pop()
+                    children = [values.pop()]
+                    value = take(children) if build is None else build(Span(source, begin, end), *take(children))
+                elif length:
                     begin = begins[-length]
                     children = values[-length:]
                     del states[-length:], values[-length:], begins[-length:]

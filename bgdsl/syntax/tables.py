@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-FORM = "2"
+FORM = "3"
 """Changes when the form of the kept tables changes."""
 
 
@@ -111,13 +112,24 @@ def _build(grammar: str) -> dict[str, Any]:
         kind, argument = entry
         return int(argument) if str(kind) == "Shift" else -1 - numbers[argument]
 
-    return {
-        "start": table.start_states["file"],
-        "end": table.end_states["file"],
-        "states": [{symbol: action(entry) for symbol, entry in table.states[n].items()} for n in range(len(table.states))],
-        "rules": [_rule(rule) for rule in lark.rules],
-        **_terminals(lark),
-    }
+    states, start, end = _in_order(
+        {n: {symbol: action(entry) for symbol, entry in sorted(table.states[n].items())} for n in table.states},
+        table.start_states["file"],
+        table.end_states["file"],
+    )
+    return {"start": start, "end": end, "states": states, "rules": [_rule(rule) for rule in lark.rules], **_terminals(lark)}
+
+
+def _in_order(states: dict[int, dict[str, int]], start: int, end: int) -> tuple[list[dict[str, int]], int, int]:
+    """The states numbered as they are first reached, so that the tables of a grammar are always the same."""
+    order = [start, end]
+    numbers = {start: 0, end: 1}
+    for state in order:
+        for target in states[state].values():
+            if target >= 0 and target not in numbers:
+                numbers[target] = len(order)
+                order.append(target)
+    return [{symbol: numbers[a] if a >= 0 else a for symbol, a in states[state].items()} for state in order], 0, 1
 
 
 def _cache_folder() -> Path | None:
@@ -142,7 +154,8 @@ def _keep(path: Path, text: str) -> None:
         fresh.write_text(text, encoding="utf-8")
         os.replace(fresh, path)
     except OSError:
-        fresh.unlink(missing_ok=True)
+        with suppress(OSError):
+            fresh.unlink()
 
 
 def _read(path: Path) -> Tables | None:

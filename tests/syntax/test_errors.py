@@ -39,7 +39,8 @@ CASES: dict[str, tuple[str, list[tuple[str, int, str]]]] = {
     "open brace": ("model A\n  J1 v(a = {1, 2);\n  J1 w;\nend A;\n", [("BG105", 2, "this `{` is not closed")]),
     "extra parenthesis": ("model A\n  J1 v(a = 1));\n  J1 w;\nend A;\n", [("BG105", 2, "this `)` closes nothing")]),
     "equals signs": (
-        "model A\n  R r(R == 3);\n J1 b if a = 3;\nequation\n x == 3;\n y := 4;\n if n = 2 then x = 1; end if; z = if a => b then 1 else 2;\nend A;\n",
+        "model A\n  R r(R == 3);\n J1 b if a = 3;\nequation\n x == 3;\n y := 4;\n"
+        " if n = 2 then x = 1; end if; z = if a => b then 1 else 2;\nend A;\n",
         [("BG115", 2, "`==`"), ("BG115", 3, "`=`"), ("BG115", 5, "`=`"), ("BG115", 6, "`:=`"), ("BG115", 7, "`=`"), ("BG115", 7, "`=>`")],
     ),
     "foreign signs": (

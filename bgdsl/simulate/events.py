@@ -28,6 +28,13 @@ CROWDED = 1e-6
 """... within this share of the run are no honest events any more."""
 
 
+STANDSTILL = 1e-5
+"""Less progress than this share of the run in `PATIENCE` steps, in a model with events, is chattering; ..."""
+COLLAPSE = 1e-7
+"""... and less than this in any model is a collapse of the step size."""
+PATIENCE = 100_000
+
+
 class Watch:
     """The event functions of a model, their last values and the crossings found."""
 
@@ -44,6 +51,7 @@ class Watch:
         self._values = np.zeros(self.kernel.size)
         self._recent: list[list[float]] = [[] for _ in program.events]
         self.crossings: list[Crossing] = []
+        self._milestone = (start, 0)
 
     @property
     def idle(self) -> bool:
@@ -86,15 +94,32 @@ class Watch:
         if len(recent) > CROWD:
             del recent[0]
             if recent[-1] - recent[0] < CROWDED * self._span:
-                event = self._program.events[k]
-                stop(
-                    CHATTERING,
-                    f"events follow each other without end at t = {t:.9g} s: {CROWD} within {recent[-1] - recent[0]:.3g} s",
-                    event.origin,
-                    "changes form here",
-                    t,
-                    helps=("the law jumps back and forth; replace the jump by a steep but continuous law, `tanh(v/v0)` for `sign(v)`",),
-                )
+                self._chatters(t, k, f"{CROWD} within {recent[-1] - recent[0]:.3g} s")
+
+    def pace(self, t: float, x: Floats, steps: int) -> None:
+        """Stop a run that hardly moves: RunError where it chatters about an event, IntegrationError otherwise."""
+        import numpy as np
+
+        since, before = self._milestone
+        if steps - before < PATIENCE:
+            return
+        progress = (t - since) / self._span
+        self._milestone = (t, steps)
+        if self.count and progress < STANDSTILL:
+            self._chatters(t, int(np.abs(self._at(t, x)[: self.count]).argmin()), f"{steps - before} steps within {t - since:.3g} s")
+        if progress < COLLAPSE:
+            raise IntegrationError("the step size collapsed", t, x.copy(), collapsed=True)
+
+    def _chatters(self, t: float, k: int, how: str) -> None:
+        event = self._program.events[k]
+        stop(
+            CHATTERING,
+            f"events follow each other without end at t = {t:.9g} s: {how}",
+            event.origin,
+            "changes form here",
+            t,
+            helps=("the law jumps back and forth; replace the jump by a steep but continuous law, `tanh(v/v0)` for `sign(v)`",),
+        )
 
     def _at(self, t: float, x: Floats) -> Floats:
         import numpy as np

@@ -7,13 +7,16 @@ Reports      BG630 not finite, BG631 the step size collapsed, BG632 a block of e
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NoReturn
 
 from bgdsl.diagnostics import Code, Diagnostic, Label, RunError
-from bgdsl.expr import to_text
+from bgdsl.expr import Expr, leaves, to_text
 from bgdsl.ir.graph import Origin
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.program import Assign, SolveLinear
+from bgdsl.simulate.direct import StepFailureError, Steps
+from bgdsl.simulate.inputs import InputSignals
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,44 +51,101 @@ def stop(
     raise RunError([Diagnostic(code, message, Label(origin.span, label), (), notes, helps)], time)
 
 
-def explain(model: CompiledModel, error: IntegrationError, u: Floats) -> NoReturn:
-    """Find out what went wrong at the place where the integrator stopped, and raise it as a `RunError`."""
+def explain(model: CompiledModel, error: IntegrationError, inputs: InputSignals, parameters: Mapping[str, float]) -> NoReturn:
+    """Find out what went wrong at the place where the integrator stopped, or just beyond it, and raise it as a `RunError`."""
     import numpy as np
 
-    program = model.program
-    slopes = np.full(len(program.states), np.nan)
-    status = model.rhs(error.t, error.x, u, slopes) if len(slopes) else 0
-    status = status or error.status
+    slopes = np.full(len(model.program.states), np.nan)
+    status = model.rhs(error.t, error.x, inputs(error.t), slopes) if len(slopes) else 0
     notes = fastest(model, error.x, slopes)
-    if status > 0:
-        step = program.steps[status - 1]
-        if isinstance(step, SolveLinear):
-            what, residual = "are singular", ""
-        else:
-            what, residual = "did not converge", f", residual {model.residual:.3g}" if math.isfinite(model.residual) else ""
-        name = step.variable if isinstance(step, Assign) else step.name
-        message = f"the equations of {_tick(name)} {what} at t = {error.t:.9g} s{residual}"
-        stop(UNSOLVED, message, step.origin, "these equations", error.t, notes)
-    bad = np.flatnonzero(~np.isfinite(slopes))
-    gone = np.flatnonzero(~np.isfinite(error.x))
-    if len(bad) or len(gone):
-        i = int(bad[0] if len(bad) else gone[0])
-        number = slopes[i] if len(bad) else error.x[i]
-        what = f"der({program.states[i].name})" if len(bad) else program.states[i].name
-        message = f"`{what}` is {number} at t = {error.t:.9g} s"
-        more = (f"{len(bad)} derivatives are not finite there",) if len(bad) > 1 else ()
-        value = (f"der({program.states[i].name}) = {_short(to_text(program.derivatives[i]))}",) if len(bad) else ()
-        stop(NOT_FINITE, message, program.derivative_origins[i], "of this", error.t, (*value, *more, *notes))
+    _unsolved(model, status or error.status, error.t, notes)
+    _not_finite(model, error.t, error.x, slopes, inputs, parameters, notes)
+    if error.collapsed:
+        step = 1e-6 * max(abs(error.t), 1e-3)
+        with np.errstate(all="ignore"):
+            beyond = error.x + step * slopes
+        ahead = np.full(len(slopes), np.nan)
+        status = model.rhs(error.t + step, beyond, inputs(error.t + step), ahead)
+        _unsolved(model, status, error.t + step, notes)
+        _not_finite(model, error.t + step, beyond, ahead, inputs, parameters, notes)
     code = COLLAPSED if error.collapsed else GAVE_UP
     order = _fastest(error.x, slopes)
     i = int(order[0]) if len(order) else 0
     helps = ("a law that jumps, or grows without bound, does this; a stiff model needs `cvode-bdf` or `radau`",) if error.collapsed else ()
-    stop(code, f"{error.reason} at t = {error.t:.9g} s", program.derivative_origins[i], "the fastest state", error.t, notes, helps)
+    stop(code, f"{error.reason} at t = {error.t:.9g} s", model.program.derivative_origins[i], "the fastest state", error.t, notes, helps)
+
+
+def _unsolved(model: CompiledModel, status: int, t: float, notes: tuple[str, ...]) -> None:
+    """Stop for a failed step of the program, if the status names one."""
+    if status <= 0:
+        return
+    step = model.program.steps[status - 1]
+    if isinstance(step, SolveLinear):
+        what, residual = "are singular", ""
+    else:
+        what, residual = "did not converge", f", residual {model.residual:.3g}" if math.isfinite(model.residual) else ""
+    name = step.variable if isinstance(step, Assign) else step.name
+    stop(UNSOLVED, f"the equations of {_tick(name)} {what} at t = {t:.9g} s{residual}", step.origin, "these equations", t, notes)
+
+
+def _not_finite(
+    model: CompiledModel,
+    t: float,
+    x: Floats,
+    slopes: Floats,
+    inputs: InputSignals,
+    parameters: Mapping[str, float],
+    notes: tuple[str, ...],
+) -> None:
+    """Stop if a state or a derivative is not finite: at the first variable, in the order of evaluation, that is not."""
+    import numpy as np
+
+    program = model.program
+    gone = np.flatnonzero(~np.isfinite(x))
+    if len(gone):
+        i = int(gone[0])
+        stop(NOT_FINITE, f"`{program.states[i].name}` is {x[i]} at t = {t:.9g} s", program.derivative_origins[i], "not finite", t, notes)
+    bad = np.flatnonzero(~np.isfinite(slopes))
+    if not len(bad):
+        return
+    more = (f"{len(bad)} derivatives are not finite there",) if len(bad) > 1 else ()
+    values = {**parameters, **dict(zip((r.name for r in program.states), x.tolist(), strict=True))}
+    values.update(zip((r.name for r in program.inputs), inputs(t).tolist(), strict=True))
+    for step in program.needed([program.derivatives[i] for i in bad]):
+        try:
+            Steps((step,), program.tables)(values, t)
+        except StepFailureError:
+            break
+        if isinstance(step, Assign) and not math.isfinite(values[step.variable]):
+            law = (f"{step.variable} = {_short(to_text(step.value))}", _operands(step.value, values))
+            message = f"`{step.variable}` is {values[step.variable]} at t = {t:.9g} s"
+            stop(NOT_FINITE, message, step.origin, "not finite", t, (*law, *more, *notes))
+    i = int(bad[0])
+    name = program.states[i].name
+    message = f"`der({name})` is {slopes[i]} at t = {t:.9g} s"
+    stop(
+        NOT_FINITE,
+        message,
+        program.derivative_origins[i],
+        "not finite",
+        t,
+        (f"der({name}) = {_short(to_text(program.derivatives[i]))}", *more, *notes),
+    )
+
+
+def _operands(value: Expr, values: Mapping[str, float]) -> str:
+    """`with a = 1, b = 2`: what the expression reads."""
+    names = sorted({leaf.data for op in ("var", "param") for leaf in leaves((value,), op)})
+    return "with " + ", ".join(f"{name} = {values[name]:.6g}" for name in names[:6])
 
 
 def fastest(model: CompiledModel, x: Floats, slopes: Floats, count: int = 3) -> tuple[str, ...]:
     """A note that names the states that change fastest, relative to their size."""
+    import numpy as np
+
     names = [record.name for record in model.program.states]
+    if not np.isfinite(slopes).any():
+        return ()
     shown = [f"{names[i]} = {x[i]:.4g} (rate {slopes[i]:.3g}/s)" for i in _fastest(x, slopes)[:count]]
     return (f"fastest states: {', '.join(shown)}",) if shown else ()
 
@@ -95,7 +155,7 @@ def _fastest(x: Floats, slopes: Floats) -> list[int]:
 
     with np.errstate(all="ignore"):
         rate = np.abs(slopes) / (np.abs(x) + 1e-6 * (np.abs(x).max(initial=0.0) + 1.0))
-    rate = np.where(np.isfinite(rate), rate, np.inf)
+    rate = np.where(np.isfinite(rate), rate, -1.0)
     return [int(i) for i in np.argsort(-rate, kind="stable")]
 
 

@@ -78,7 +78,7 @@ def simulate(
         journey.travel(x0)
         status = "complete"
     except IntegrationError as error:
-        explain(model, error, inputs(error.t))
+        explain(model, error, inputs, options.parameters)
     finally:
         recorder.flush()
         sink.close(status)
@@ -148,6 +148,7 @@ class Journey:
                 self._invariants.apply(stepper.t, x)
                 stepper.move(x)
             self._look(stepper)
+            self.watch.pace(stepper.t, stepper.x, stepper.counters.steps)
             self._tell(stepper.t)
 
     def _with_cvode(self, method: Method, x0: Floats) -> None:
@@ -166,6 +167,7 @@ class Journey:
                     watch.begin(stepper.t, x)
                     if self._quadrature is not None:
                         self._quadrature.forget()
+                watch.pace(stepper.t, stepper.x, stepper.counters.steps)
                 self._tell(stepper.t)
         finally:
             stepper.finish()

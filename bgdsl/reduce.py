@@ -61,7 +61,7 @@ def measure(model: Model, scenario: Scenario) -> Measured:
         experiment=run.experiment or None,
         window=found.window,
         report=Reporter(),
-        error=float(found.errors.max(initial=0.0)),
+        errors=found.errors.tolist(),
     )
     return Measured(model, run, wanted, report)
 

@@ -12,6 +12,7 @@ memory, and the exponent of growth between the first and the last size.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import os
@@ -134,7 +135,7 @@ def ours(n: int) -> dict[str, float]:
     assert rhs(0.0, x, u, out) == 0 and jacobian(0.0, x, u, values) == 0
     assert np.count_nonzero(out) == 1 and abs(out).max() == 1.0, "only the last mass is pushed"
     mark("native jacobian")
-    stages = {name: end - start for (_, start), (name, end) in zip(marks, marks[1:], strict=False)}
+    stages = {name: end - start for (_, start), (name, end) in itertools.pairwise(marks)}
     return {"seconds": marks[-1][1] - marks[0][1], "states": len(x), **stages}
 
 

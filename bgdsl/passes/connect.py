@@ -67,12 +67,7 @@ def connect(chain: ast.BondChain, context: Context) -> None:
         raise Fault(
             NO_END, "an element has equations between its ports, no bonds", chain.span, "not in an element", helps=("make it a `model`",)
         )
-    count = 0
-    for i, arrow in enumerate(chain.arrows):
-        for tail in chain.ends[i]:
-            for k, head in enumerate(chain.ends[i + 1]):
-                _connect_one(tail, head, arrow, chain, context, (i, k))
-                count += 1
+    count = sum(len(tails) * len(heads) for tails, heads in zip(chain.ends, chain.ends[1:], strict=False))
     if chain.name is not None and count > 1:
         raise Fault(
             BOND_NAME,
@@ -81,6 +76,10 @@ def connect(chain: ast.BondChain, context: Context) -> None:
             "one name for one bond",
             helps=("write them as separate statements",),
         )
+    for i, arrow in enumerate(chain.arrows):
+        for tail in chain.ends[i]:
+            for k, head in enumerate(chain.ends[i + 1]):
+                _connect_one(tail, head, arrow, chain, context, (i, k))
 
 
 def _connect_one(

@@ -17,6 +17,7 @@ import numpy as np
 
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import TIME, ZERO, Expr, add, const, derivative, leaves, substitute, table, topological, var
+from bgdsl.ir.graph import Origin, SignalEquation
 from bgdsl.passes import functions
 from bgdsl.passes.functions import ARGUMENTS, BUILT_INS, CONSTANTS, wrong
 from bgdsl.passes.names import head
@@ -723,14 +724,18 @@ def _der_leaf(name: str, span: Span, context: Context) -> Expr:
                 return power
             case _:
                 pass
-    raise Fault(
-        UNREADABLE,
-        f"`der({name})` is not known: `{name}` is no declared variable",
-        span,
-        "differentiated here",
-        notes=("`der` is for declared variables and for the `p`, `q` and `energy` of storages",),
-        helps=("the rate of a flow follows from the momentum: `der(mass.p)` is the effort on the mass",),
-    )
+    return _rate(name, span, context)
+
+
+def _rate(name: str, span: Span, context: Context) -> Expr:
+    """The rate of a junction's, element's or bond's variable: that of an auxiliary signal that equals it."""
+    build = context.build
+    if name not in build.rates:
+        made = build.rates[name] = f"rate#{len(build.rates) + 1}"
+        origin = Origin(context.path, span)
+        build.solved.append((made, (), origin))
+        build.extra.append(SignalEquation(var(made), var(name), origin))
+    return var(f"der({build.rates[name]})")
 
 
 def _colon(node: ast.Colon, context: Context) -> Value:

@@ -344,7 +344,9 @@ def _signals(build: Build, lines: statements.Lines) -> tuple[Signal, ...]:
         made.append(signal)
     for part, signal in undefined:
         statements.check_defined(part, signal, read, lines, build)
-    made += [Signal(name, (size,), "algebraic", origin) for name, size, origin in build.solved]
+    for name, shape, origin in build.solved:
+        role = "state" if f"der({name})" in read else "algebraic"
+        made.append(Signal(name, shape, role, origin))  # type: ignore[arg-type]
     return tuple(made)
 
 

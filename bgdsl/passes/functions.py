@@ -246,9 +246,9 @@ def solve(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any], span: Span, context:
     build: Build = context.build
     if not any(leaf.op in ("var", "time") for leaf in topological((*a.flat, *b.flat))):
         return _eliminate(a, b, span, build)
-    name = f"solve#{len(build.solved) + 1}"
+    name = f"solve#{sum(known.startswith('solve') for known, _, _ in build.solved) + 1}"
     origin = Origin(context.path, span)
-    build.solved.append((name, n, origin))
+    build.solved.append((name, (n,), origin))
     x = leaves_of(var, name, (n,))
     for left, right in zip(matmul(a, x), b, strict=True):
         build.extra.append(SignalEquation(left, right, origin))

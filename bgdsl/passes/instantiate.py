@@ -13,6 +13,7 @@ the declaration itself last. Nothing is copied, so an instance costs what its ow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 from bgdsl.diagnostics import Code, did_you_mean
@@ -88,21 +89,17 @@ def claims_of(instance: Instance, member: Member) -> tuple[Claim, ...]:
     for entry, scope in member.claims:
         found.append((entry, instance.context(scope), ()))
     if found:
-        _check_final(found, member)
+        check_final([*(claim[0] for claim in found), member.entry], name)
     found.append((member.entry, instance.context(member.scope), ()))
     return tuple(found)
 
 
-def _check_final(found: Sequence[Claim], member: Member) -> None:
-    inner: list[Modification] = [*(claim[0] for claim in found[1:]), member.entry]
-    for outer, keeper in zip(found, inner, strict=True):
+def check_final(entries: Sequence[Modification], name: str) -> None:
+    """Of modifications of one thing, the outermost first: none modifies what one further in made final."""
+    for outer, keeper in pairwise(entries):
         if keeper.final:
             raise Fault(
-                FINAL,
-                f"`{member.name}` is final and cannot be modified",
-                outer[0].span,
-                "modified here",
-                others=[(keeper.span, "made final here")],
+                FINAL, f"`{name}` is final and cannot be modified", outer.span, "modified here", others=[(keeper.span, "made final here")]
             )
 
 
@@ -113,6 +110,7 @@ def nested(claims: Sequence[Claim], name: str) -> tuple[Claim, ...]:
         inner = entry.nested.get(name)
         if inner is not None:
             found.append((inner, author, () if inner.each else index))
+    check_final([claim[0] for claim in found], name)
     return tuple(found)
 
 
@@ -187,6 +185,14 @@ def _make(instance: Instance, member: Member) -> Any:
     if condition is not None and not evaluate_now(condition, author):
         return Absent(path, member.span)
     resolved, dims, author = _type_of(instance, member, claims)
+    if instance.cls.is_element and not (_basic(resolved) or resolved.name in DOMAINS or isinstance(resolved.node, ast.Domain)):
+        raise Fault(
+            WRONG_KIND,
+            f"an element has ports, parameters and variables; `{member.name}` is {describe(resolved)}",
+            member.declaration.span,
+            "not in an element",
+            helps=(f"make `{instance.cls.name}` a `model`",),
+        )
     match resolved.node:
         case ast.Model():
             return _spread(instance, member, claims, lambda p, c: _instance(instance, member, resolved, p, c))

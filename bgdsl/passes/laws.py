@@ -18,7 +18,7 @@ from bgdsl.diagnostics import Code
 from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological
 from bgdsl.ir.elements import component
 from bgdsl.ir.graph import Element, Law, Port
-from bgdsl.passes.instantiate import attribute, check_targets, claimed_value, nested
+from bgdsl.passes.instantiate import attribute, check_final, check_targets, claimed_value, nested
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (
     UNKNOWN_TARGET,
@@ -97,6 +97,8 @@ def _given(part: ElementPart) -> tuple[str, Claim]:
                 helps=("give one of them; a law may read any parameter of the model under its own name",),
             )
         if found:
+            said = [other.nested[name] for other, _, _ in part.claims for name in known if name in other.nested]
+            check_final(said, found[0])
             inner = entry.nested[found[0]]
             return found[0], (inner, author, () if inner.each else index)
     if any(name not in _TARGETS[kind.name] for entry, _, _ in part.claims for name in entry.nested):

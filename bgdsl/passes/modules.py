@@ -143,7 +143,13 @@ class _Loader:
         return self.found[key]
 
     def report_missing(self, source: Source, item: ast.Import) -> None:
-        wanted = "/".join(item.path) + ".bg" if item.path else "a file"
+        if not item.path:
+            names = ", ".join(name for name, _ in item.names)
+            self.report.add(
+                NOT_FOUND, f"this import names no file, only `{names}`", item.span, "", helps=(f"write `import file.{names};`",)
+            )
+            return
+        wanted = "/".join(item.path) + ".bg"
         folders = [source.path.parent if source.path is not None else Path(), *self.search]
         helps = []
         for name, _ in item.names:
@@ -151,7 +157,7 @@ class _Loader:
                 dotted = ".".join((*item.path, name))
                 helps.append(f"`{dotted}` is a file; name one of its classes: `import {dotted}.Name;`")
         known = [place.stem for folder in (*folders, SHIPPED) for place in (folder / Path(*item.path[:-1])).glob("*.bg")]
-        helps += did_you_mean(item.path[-1], known) if item.path else ()
+        helps += did_you_mean(item.path[-1], known)
         self.report.add(
             NOT_FOUND,
             f"`{wanted}` is not found",

@@ -278,7 +278,8 @@ class Build:
     raws: list[RawBond] = field(default_factory=list)
     tables: dict[str, Table] = field(default_factory=dict)
     table_keys: dict[tuple[Any, ...], str] = field(default_factory=dict)
-    solved: list[tuple[str, int, Origin]] = field(default_factory=list)
+    solved: list[tuple[str, tuple[int, ...], Origin]] = field(default_factory=list)
+    rates: dict[str, str] = field(default_factory=dict)
     extra: list[SignalEquation] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)
     shared: dict[tuple[int, int], tuple[Any, Any, Value]] = field(default_factory=dict)
@@ -370,7 +371,7 @@ class Build:
             try:
                 self.numbers[top] = evaluate(root, self.numbers, tables=self.tables)
             except (ArithmeticError, ValueError) as problem:
-                raise Fault(STRUCTURAL, f"parameter `{top}` has no value: {problem}", part.origin.span, "evaluated here") from None
+                raise Fault(NO_VALUE, f"parameter `{top}` has no value: {problem}", part.origin.span, "evaluated here") from None
         return self.numbers[name]
 
     def _mark(self, name: str) -> None:

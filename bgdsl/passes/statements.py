@@ -39,7 +39,7 @@ EQUATIONS_OF_ELEMENT = Code("BG258", "an element has too many or too few equatio
 NO_EQUATION = Code("BG270", "a variable has no equation")
 TWO_EQUATIONS = Code("BG271", "a variable has two equations")
 SIDES = Code("BG272", "the sides of an equation differ in size")
-NOT_BOOLEAN = Code("BG273", "a statement has no meaning here")
+MEANINGLESS = Code("BG273", "a statement has no meaning here")
 
 
 @dataclass(slots=True)
@@ -74,7 +74,7 @@ def _walk_one(statement: ast.Statement, context: Context, initial: bool, lines: 
     match statement:
         case ast.BondChain():
             if initial:
-                raise Fault(NOT_BOOLEAN, "a bond is no initial equation", statement.span, "", helps=("put it into the `equation` section",))
+                raise Fault(MEANINGLESS, "a bond is no initial equation", statement.span, "", helps=("put it into the `equation` section",))
             connect(statement, context)
         case ast.For():
             for turn in iterations(statement.iterators, context):
@@ -118,7 +118,7 @@ def _assertion(statement: ast.Assertion, context: Context, lines: Lines) -> None
     message = evaluate(statement.message, context)
     condition = evaluate_scalar(statement.condition, context)
     if not isinstance(message, str):
-        raise Fault(NOT_BOOLEAN, "the message of an assertion is a string", statement.message.span, "")
+        raise Fault(MEANINGLESS, "the message of an assertion is a string", statement.message.span, "")
     lines.checks.append(Check(condition, message, Origin(context.path, statement.span)))
 
 
@@ -201,6 +201,14 @@ def make_signal(part: SignalPart, read: set[str]) -> Signal:
     scalars = scalar_names(part.name, part.shape)
     role = part.role
     if any(f"der({name})" in read for name in scalars):
+        if role == "input":
+            raise Fault(
+                MEANINGLESS,
+                f"the derivative of input `{part.name}` is not known",
+                part.origin.span,
+                "an input",
+                helps=("make it an input of its own",),
+            )
         role = "state"
     starts = None
     unit = ""

@@ -165,7 +165,7 @@ class TreeBuilder:
 
     def long_function(self, at: Span, name: str, comment: str | None, declarations: Any, algorithm: Any, end: Ended) -> ast.LongFunction:
         self.closed(at, "function", name, end)
-        return ast.LongFunction(name, _string(comment), declarations, algorithm, span=at)
+        return ast.LongFunction(name, _string(comment), declarations, algorithm or (), span=at)
 
     def assign(self, at: Span, target: ast.Reference, value: ast.Expression) -> ast.Assign:
         return ast.Assign(target, value, span=at)

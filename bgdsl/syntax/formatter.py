@@ -107,9 +107,8 @@ def _comment(source: Source, start: int, end: int, last: int, place: int, leads:
     between = source.text[last:start]
     lead, level = leads[index]
     column, next_column = _column(source.text, start), _column(source.text, place)
-    inner = leads[index - 1][1] if index else 0
     if lead == "line" and column > next_column:
-        level = max(level + 1, inner) if index else level
+        level += 1
     gap = " " * max(1, len(between)) if "\n" not in between and last else ""
     newlines = between.count("\n") if last else 0
     return Item(source.text[start:end].rstrip(), "COMMENT", "statement" if lead != "inside" else "inside", level, gap, newlines)

@@ -54,7 +54,7 @@ def lexer() -> Lexer:
         r"(?P<BAD>\S)",
     ]
     table = dict.fromkeys(foreign, "FOREIGN") | known.signs
-    return Lexer(re.compile(r"\s*(?:" + "|".join(alternatives) + ")"), known.words, table)
+    return Lexer(re.compile("[\\s\ufeff]*(?:" + "|".join(alternatives) + ")"), known.words, table)
 
 
 def tokenize(text: str, position: int = 0) -> Tokens:

@@ -306,7 +306,8 @@ def _lines(node: ast.Node, indent: str) -> list[str]:
             return [*lines, f"{indent}end if;"]
         case ast.LongFunction(name, comment, declarations, algorithm):
             head = f"{indent}function {name}{_comment(comment)}"
-            return [head, *_body(declarations, inner), f"{indent}algorithm", *_body(algorithm, inner), f"{indent}end {name};"]
+            steps = [f"{indent}algorithm", *_body(algorithm, inner)] if algorithm else []
+            return [head, *_body(declarations, inner), *steps, f"{indent}end {name};"]
         case ast.Domain(name, comment, variables):
             return [f"{indent}domain {name}{_comment(comment)}", *_body(variables, inner), f"{indent}end {name};"]
         case ast.Test(name, statements):

@@ -59,7 +59,7 @@ def test_a_good_layout_is_left_alone() -> None:
     ("before", "after"),
     [
         (
-            'model  A   "x"   parameter Real a=-1 ;J1  v ( a=b*c+d  , e = { 1,2 } ) ;\n\n\n\nequation a=>b,c  ; x =f ( 1,-y ) [ 2 ]; end A ;',
+            'model  A   "x"   parameter Real a=-1 ;J1  v ( a=b*c+d  , e = { 1,2 } ) ;\n\n\nequation a=>b,c  ; x =f ( 1,-y ) [ 2 ]; end A ;',
             'model A "x"\n  parameter Real a = -1; J1 v(a = b*c + d, e = {1, 2});\n\nequation\n  a => b, c; x = f(1, -y)[2];\nend A;\n',
         ),
         (

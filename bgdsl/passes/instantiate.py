@@ -110,7 +110,8 @@ def nested(claims: Sequence[Claim], name: str) -> tuple[Claim, ...]:
         inner = entry.nested.get(name)
         if inner is not None:
             found.append((inner, author, () if inner.each else index))
-    check_final([claim[0] for claim in found], name)
+    if len(found) > 1:
+        check_final([claim[0] for claim in found], name)
     return tuple(found)
 
 

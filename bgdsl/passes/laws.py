@@ -11,12 +11,13 @@ Reports      BG250 value missing, BG251 contradictory, BG252 a constant kind rea
 from __future__ import annotations
 
 import random
+from functools import cache
 
 import numpy as np
 
 from bgdsl.diagnostics import Code
 from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological
-from bgdsl.ir.elements import component
+from bgdsl.ir.elements import Kind, component
 from bgdsl.ir.graph import Element, Law, Port
 from bgdsl.passes.instantiate import attribute, check_final, check_targets, claimed_value, nested
 from bgdsl.passes.parameters import spread, unit_of
@@ -97,8 +98,9 @@ def _given(part: ElementPart) -> tuple[str, Claim]:
                 helps=("give one of them; a law may read any parameter of the model under its own name",),
             )
         if found:
-            said = [other.nested[name] for other, _, _ in part.claims for name in known if name in other.nested]
-            check_final(said, found[0])
+            if len(part.claims) > 1:
+                said = [other.nested[name] for other, _, _ in part.claims for name in known if name in other.nested]
+                check_final(said, found[0])
             inner = entry.nested[found[0]]
             return found[0], (inner, author, () if inner.each else index)
     if any(name not in _TARGETS[kind.name] for entry, _, _ in part.claims for name in entry.nested):
@@ -193,22 +195,23 @@ def make_element(build: Build, part: ElementPart) -> Element:
     return Element(
         part.name,
         kind.name,
-        _ports(part),
+        _ports(kind, part.sizes),
         part.origin,
         laws,
         modulus,
         linear,
         _states(part),
-        _starts(part) if any(entry.nested for entry, _, _ in part.claims) else {},
+        _starts(part) if any(not _LETTERS.isdisjoint(entry.nested) for entry, _, _ in part.claims) else _NO_STARTS,
         _parasitic(build, part),
         part.member.declarator.comment or "",
     )
 
 
-def _ports(part: ElementPart) -> tuple[Port, ...]:
-    if part.kind.ports == 1:
-        return (Port("", part.sizes[0], part.kind.inward),)
-    return (Port("p1", part.sizes[0], True), Port("p2", part.sizes[1], False))
+@cache
+def _ports(kind: Kind, sizes: tuple[int | None, ...]) -> tuple[Port, ...]:
+    if kind.ports == 1:
+        return (Port("", sizes[0], kind.inward),)
+    return (Port("p1", sizes[0], True), Port("p2", sizes[1], False))
 
 
 def _variables(part: ElementPart, letter: str) -> tuple[Expr, ...]:
@@ -220,6 +223,10 @@ def _states(part: ElementPart) -> tuple[str, ...]:
         return ()
     base, size = f"{part.name}.{part.kind.state}", part.sizes[0]
     return (base,) if size is None else tuple(component(base, i) for i in range(size))
+
+
+_LETTERS = frozenset("pqef")
+_NO_STARTS: dict[str, Expr] = {}
 
 
 def _starts(part: ElementPart) -> dict[str, Expr]:

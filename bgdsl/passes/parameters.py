@@ -349,6 +349,8 @@ def _evaluate_all(build: Build, parts: Iterable[ParameterPart]) -> None:
                 continue
             if item.op == "const":
                 build.numbers[name] = item.data
+            elif item.op == "param" and item.data in build.numbers:
+                build.numbers[name] = build.numbers[item.data]
             else:
                 try:
                     build.number(param(name), part.origin.span, structural=False)

@@ -18,24 +18,60 @@ Flips = tuple[tuple[int, int], ...]
 
 def augment(state: Assignment, need: int, soft: list[bool]) -> bool:
     """Give junction `need` a determiner by changing soft terms only; False, with nothing changed, if there is no way."""
-    came: dict[int, tuple[int, Flips]] = {need: (-1, ())}
-    queue = [need]
+    return _search(state, [((), need)], soft)
+
+
+def augment_two_port(state: Assignment, term: int, soft: list[bool]) -> bool:
+    """Do without the surplus relation of a two-port; False if there is no way.
+
+    Where one end has to determine its junction and neither does, one takes over; where only one of two does, it gives way.
+    """
+    starts: list[tuple[Flips, int | None]] = []
+    for t in (term, state.other[term]):
+        j = state.junction[t]
+        present = state.determiner[j]
+        if not soft[t] or not soft[state.other[t]]:
+            continue
+        if state.alike[t]:
+            starts += [(((t, 0),), j)] if present == t else []
+            continue
+        taken = _displace(state, present, soft) if present >= 0 else ((), None)
+        starts += [(((t, 1), *taken[0]), taken[1])] if taken is not None else []
+    return _search(state, starts, soft)
+
+
+def _search(state: Assignment, starts: list[tuple[Flips, int | None]], soft: list[bool]) -> bool:
+    """Breadth-first search from the junctions that the first changes leave in need."""
+    came: dict[int, tuple[int, Flips]] = {}
+    queue: list[int] = []
+    for flips, further in starts:
+        if _reach(state, came, queue, -1, flips, further):
+            return True
     for j in queue:
         for flips, further in _exchanges(state, j, soft):
-            if further is None:
-                _apply(state, [*_path(came, j), flips])
+            if _reach(state, came, queue, j, flips, further):
                 return True
-            if further not in came:
-                came[further] = (j, flips)
-                queue.append(further)
+    return False
+
+
+def _reach(state: Assignment, came: dict[int, tuple[int, Flips]], queue: list[int], before: int, flips: Flips, further: int | None) -> bool:
+    """Note a junction reached; where none is left in need, apply the path and say so."""
+    if further is None:
+        changed = _after(state, [*_path(came, before), flips])
+        if changed is not None:
+            _apply(state, changed)
+        return changed is not None
+    if further not in came:
+        came[further] = (before, flips)
+        queue.append(further)
     return False
 
 
 def _path(came: dict[int, tuple[int, Flips]], j: int) -> list[Flips]:
     path: list[Flips] = []
-    while came[j][0] >= 0:
-        path.append(came[j][1])
-        j = came[j][0]
+    while j >= 0:
+        j, flips = came[j]
+        path.append(flips)
     return path[::-1]
 
 
@@ -75,13 +111,29 @@ def _displace(state: Assignment, present: int, soft: list[bool]) -> tuple[Flips,
     return None
 
 
-def _apply(state: Assignment, path: list[Flips]) -> None:
+def _after(state: Assignment, path: list[Flips]) -> dict[int, int] | None:
+    """The values that a path changes, or None if it crosses itself: not one determiner at a junction, or ends that disagree."""
+    changed: dict[int, int] = {}
     for flips in path:
-        for t, value in flips:
-            state.value[t] = value
-            state.reason[t] = Reason("chosen")
-    touched = {state.junction[t] for flips in path for t, _ in flips}
-    for j in touched:
+        changed.update(flips)
+
+    def value(t: int) -> int:
+        return changed.get(t, state.value[t])
+
+    for t in changed:
+        if sum(value(other) == 1 for other in state.scalar.terms_at[state.junction[t]]) != 1:
+            return None
+        far = state.other[t]
+        if far >= 0 and (value(t) == value(far)) != state.alike[t]:
+            return None
+    return changed
+
+
+def _apply(state: Assignment, changed: dict[int, int]) -> None:
+    for t, value in changed.items():
+        state.value[t] = value
+        state.reason[t] = Reason("chosen")
+    for j in {state.junction[t] for t in changed}:
         state.determiner[j] = next((t for t in state.scalar.terms_at[j] if state.value[t] == 1), -1)
         if state.determiner[j] >= 0:
             state.free.discard(j)

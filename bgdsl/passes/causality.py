@@ -20,7 +20,7 @@ from bgdsl.diagnostics import Reporter
 from bgdsl.ir.causal import CausalGraph, Constrained, Reason
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
-from bgdsl.passes.augment import augment
+from bgdsl.passes.augment import augment, augment_two_port
 from bgdsl.passes.causal_errors import dependent_storages, needless_derivative, one_way_law, refused_stroke, sources_only, two_sources
 from bgdsl.passes.causal_loops import Graph, causal_loops, dependence, reachable
 from bgdsl.passes.causal_story import Step, Story
@@ -37,8 +37,8 @@ def assign_causality(scalar: ScalarGraph, report: Reporter) -> CausalGraph:
     report.stop_if_errors()
     scap.assert_strokes()
     scap.prefer_storages()
-    scap.let_followed_be_states()
     scap.choose_free()
+    scap.let_followed_be_states()
     scap.check_constraints()
     report.stop_if_errors()
     return scap.result()
@@ -57,6 +57,7 @@ class _Scap:
         self.constrained: dict[tuple[int, int | None], Constrained] = {}
         self.derivative: dict[str, tuple[int, ...]] = {}
         self.first_dependent: list[Step] = []
+        self.decided = 0
         self.ports: dict[str, list[Term]] = {}
         for term in scalar.terms:
             if term.other is None and term.element is not None:
@@ -222,14 +223,19 @@ class _Scap:
 
     def prefer_storages(self) -> None:
         """Integral causality wherever it can be had."""
+        self.decided = self.state.mark()
+        for element, term, wanted in self.storages():
+            self.prefer_storage(element, term, wanted)
+
+    def storages(self) -> Iterator[tuple[Element, Term, int]]:
+        """Every component of every storage with the value of its term in integral causality."""
         for element in self.scalar.graph.elements:
             if element.kind in ("I", "C"):
                 for term in self.ports[element.name]:
-                    self.prefer_storage(element, term)
+                    yield element, term, int(self.sets(term, element.kind == "C"))
 
-    def prefer_storage(self, element: Element, term: Term) -> None:
+    def prefer_storage(self, element: Element, term: Term, wanted: int) -> None:
         state = self.state
-        wanted = int(self.sets(term, element.kind == "C"))
         if state.value[term.index] < 0:
             path = self.attempt(term, wanted, Reason("storage"))
             if path is None:
@@ -258,19 +264,47 @@ class _Scap:
 
     def choose_free(self) -> None:
         """Resistors and user elements in the direction of their laws, then whatever is still open; then repair."""
-        mark, settled = self.state.mark(), frozenset(self.state.free)
+        mark, settled = self.state.mark(), frozenset(self.constrained)
         for element in self.scalar.graph.elements:
             if element.kind in ("R", "field"):
                 for term in self.ports.get(element.name, ()):
                     self.choose(term, int(self.sets(term, written_direction(element, term) == "e")))
         for term in self.scalar.terms:
             self.choose(term, 1)
+        for since in (mark, self.decided):
+            self.repair(since, settled)
+
+    def repair(self, since: int, settled: frozenset[tuple[int, int | None]]) -> None:
+        """Give junctions that choices left without a determiner one, changing what was decided since then."""
+        places = [c for key, c in self.constrained.items() if key not in settled and c.source is None]
+        if not places:
+            return
         soft = [False] * len(self.scalar.terms)
-        for t in self.state.trail[mark:]:
+        for t in self.state.trail[since:]:
             soft[t] = True
-        for c in [c for c in self.constrained.values() if c.term is None and c.junction not in settled]:
-            if augment(self.state, c.junction, soft):
-                del self.constrained[c.junction, None]
+        for place in places:
+            if (place.junction, place.term) not in self.constrained:
+                continue
+            if augment(self.state, place.junction, soft) if place.term is None else augment_two_port(self.state, place.term, soft):
+                self.constrained = {key: c for key, c in self.constrained.items() if self.is_needed(c)}
+                self.note_dependent()
+
+    def is_needed(self, place: Constrained) -> bool:
+        """Is something still unmet here? A repair may meet two constraints at once."""
+        state = self.state
+        if place.term is None:
+            return state.determiner[place.junction] < 0
+        far = state.other[place.term]
+        return far < 0 or (state.value[place.term] == state.value[far]) != state.alike[place.term]
+
+    def note_dependent(self) -> None:
+        """Which storages have derivative causality, after choices among storages were changed."""
+        before = dict(self.derivative)
+        self.derivative.clear()
+        for element, term, wanted in self.storages():
+            if self.state.value[term.index] != wanted:
+                name = element.states[term.spot]
+                self.derivative[name] = before.get(name) or self.chain([term.index])
 
     def choose(self, term: Term, value: int) -> None:
         if self.state.value[term.index] >= 0:
@@ -301,14 +335,10 @@ class _Scap:
         if not followed or self.refuse_derivative(graph):
             return
         for j in followed:
-            self.state.free.add(j)
             if self.state.determiner[j] >= 0:
                 self.state.drop(self.state.determiner[j])
-            for t in self.scalar.terms_at[j]:
-                self.state.set(t, 0, Reason("promoted"))
             self.free_junction(j)
             self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
-        self.follow()
 
     def is_undecided(self, j: int) -> bool:
         """Has junction j no determiner yet, or a resistor?"""
@@ -425,7 +455,8 @@ class _Scap:
         determiner = tuple(None if t < 0 else t for t in state.determiner)
         loops = causal_loops(self.dependence())
         if self.derivative:
-            dependent_storages(self.story, self.report, self.derivative, self.first_dependent)
+            first = self.first_dependent or self.steps(next(iter(self.derivative.values())))
+            dependent_storages(self.story, self.report, self.derivative, first)
         strokes = bond_strokes(scalar, determiner, [value == 1 for value in state.value])
         constrained = tuple(self.constrained.values())
         return CausalGraph(scalar, determiner, strokes, self.derivative, constrained, loops, tuple(state.reason))

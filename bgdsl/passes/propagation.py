@@ -152,6 +152,7 @@ class Assignment:
         j = self.junction[term]
         if self.value[term] < 0:
             self.open[j] -= 1
+            self.trail.append(term)
             self._queue.append(term)
         self.value[term] = 0
         if self.determiner[j] == term:

@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import BgError, Diagnostic, Reporter
 from bgdsl.expr import Expr, evaluate
 from bgdsl.ir.causal import CausalGraph
@@ -80,12 +81,14 @@ def load_library(source: Source, search: Sequence[str | Path], report: Reporter)
     return library
 
 
+@uncollected()
 def _front(
     source: Source, model: str | None, search: Sequence[str | Path], overrides: Mapping[str, Value] | None, report: Reporter
 ) -> Model:
     return instantiate(load_library(source, search, report), model, overrides or {}, report)
 
 
+@uncollected()
 def instantiate(library: Library, model: str | None, overrides: Mapping[str, Value], report: Reporter) -> Model:
     """Flatten and check one model of a library."""
     graph = flatten(library, model, report, overrides=overrides)
@@ -133,6 +136,7 @@ class Model:
     def program(self) -> Program:
         return self._stage(lower, self.sorted)
 
+    @uncollected()
     def _stage(self, run: Callable[[Before, Reporter], After], data: Before) -> After:
         result = run(data, self.report)
         self.report.stop_if_errors()

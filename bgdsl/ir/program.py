@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
+from bgdsl.collecting import uncollected
 from bgdsl.expr import Expr, Table, leaves
 from bgdsl.ir.graph import Check, Experiment, Origin, Parameter
 
@@ -134,7 +135,8 @@ class Program:
     @cached_property
     def jacobian(self) -> Jacobian:
         """The exact derivatives of the state derivatives and of the solved blocks."""
-        return self.differentiate(self)
+        with uncollected():
+            return self.differentiate(self)
 
     def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
         """The steps that the roots need, in order."""

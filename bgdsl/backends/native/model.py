@@ -22,6 +22,7 @@ from bgdsl.backends.native.emit import FIRST, INFO, POINTERS, WARM, Code, emit
 from bgdsl.backends.native.jit import Loaded, machine_code, runtime
 from bgdsl.backends.native.layout import factor_size
 from bgdsl.backends.tape import Names, Tape, linearise, names
+from bgdsl.collecting import uncollected
 from bgdsl.expr import Expr
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Program
@@ -34,11 +35,12 @@ if TYPE_CHECKING:
 
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *(ctypes.c_void_p,) * 4)
 _CAPACITY = 1 << 15
-LARGE = 10_000
+LARGE = 5_000
 """Operations beyond which code is compiled without LLVM's optimisations: five times as fast to compile, and, measured on the
 engine and on chains, 1.0 to 1.5 times as slow to run."""
 
 
+@uncollected()
 def build(program: Program) -> NativeModel:
     """The program, ready to be compiled piece by piece; its parameters have their defaults."""
     return NativeModel(program)
@@ -175,6 +177,7 @@ class NativeModel:
             self._evaluators[wanted] = self._compile(wanted, slot=2 + len(self._kernels))
         return self._evaluators[wanted]
 
+    @uncollected()
     def _compile(self, roots: Sequence[Expr], *, slot: int, level: int = 1, elimination: Elimination | None = None) -> NativeKernel:
         tape = linearise(self._meaning, self.program.tables, roots)
         if len(tape.ops) > LARGE:

@@ -18,6 +18,7 @@ from typing import Any
 from bgdsl.backends.initial import parameter_values, start_values
 from bgdsl.backends.numpy.names import printable
 from bgdsl.backends.numpy.spell import Names, Speller
+from bgdsl.collecting import uncollected
 from bgdsl.expr import Expr, Table
 from bgdsl.ir.program import Assign, Program, Record, Step
 
@@ -60,6 +61,7 @@ class Context:
     elimination: str
 
 
+@uncollected()
 def write_module(program: Program, *, source_name: str) -> str:
     """The module's text. `source_name` is shown as SOURCE."""
     return str(_template().render(**asdict(context(program, source_name))))

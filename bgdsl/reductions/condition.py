@@ -73,6 +73,7 @@ def decide(
     may_vanish: can this modulus be zero (default: any that is not a constant or a parameter with a nonzero value)."""
     vanishes = may_vanish or _vanishing(scalar.graph)
     kinds = element_kinds(scalar.graph)
+    parasitic = parasitic_terms(scalar)
     dropped: set[int] = set()
     kept: list[Kept] = []
     for junction in report.junctions:
@@ -80,7 +81,8 @@ def decide(
             term = scalar.terms[activity.index]
             if activity.rho >= threshold or junction.max_activity == 0.0 or term.conjugate.is_zero or not among(term):
                 continue
-            reason = _never(scalar, term, kinds, vanishes) or _guarded(activity, threshold, guard)
+            reason = "parasitic" if term.index in parasitic else _never(scalar, term, kinds, vanishes)
+            reason = reason or _guarded(activity, threshold, guard)
             if reason is None:
                 dropped.add(term.index)
             else:
@@ -89,11 +91,28 @@ def decide(
     return settle(scalar, Decision(threshold, frozenset(dropped), tuple(kept), frozenset(), unexcited))
 
 
+def parasitic_terms(scalar: ScalarGraph) -> frozenset[int]:
+    """The terms of parasitic elements, and the links that lead to nothing else: without them a joint would be rigid."""
+    found = {term.index for term in scalar.terms if term.parasitic}
+    left = [sum(t not in found for t in at) for at in scalar.terms_at]
+    waiting = [j for j, at in enumerate(scalar.terms_at) if left[j] == 1 and len(at) > 1]
+    while waiting:
+        j = waiting.pop()
+        for t in scalar.terms_at[j]:
+            far = scalar.terms[t].other
+            if t in found or far is None:
+                continue
+            found |= {t, far}
+            beyond = scalar.terms[far].junction
+            left[j], left[beyond] = left[j] - 1, left[beyond] - 1
+            if left[beyond] == 1:
+                waiting.append(beyond)
+    return frozenset(found)
+
+
 def _never(scalar: ScalarGraph, term: Term, kinds: Mapping[str, str], vanishes: Callable[[Expr], bool]) -> str | None:
     """Why a term is never conditioned; None if it may be."""
     kind = scalar.junctions[term.junction].kind
-    if term.parasitic:
-        return "parasitic"
     if len(scalar.terms_at[term.junction]) <= 2:
         return "one of two terms, which are always equal"
     if term.other is None:
@@ -180,6 +199,14 @@ def settle(scalar: ScalarGraph, decision: Decision) -> Decision:
         else:  # two sources would meet there and leave it undetermined
             dropped.discard(chain[-1])
             kept.append(Kept(chain[-1], "what lies between it and the other inactive end is needed"))
+    kinds = element_kinds(scalar.graph)
+    acting = {term.element for term in scalar.terms if term.other is None and term.index not in dropped}
+    for t in [t for t in dropped if scalar.terms[t].other is None]:
+        term = scalar.terms[t]
+        if term.element in acting | read and kinds[term.element or ""] == ("C", "I")[scalar.junctions[term.junction].kind]:
+            # as an observer its own law would have to be differentiated
+            dropped.discard(t)
+            kept.append(Kept(t, "a storage of which something is needed"))
     touched = {scalar.terms[t].element for t in dropped if scalar.terms[t].other is None}
     acting = {term.element for term in scalar.terms if term.other is None and term.index not in dropped}
     observers = frozenset(name for name in touched & (acting | read) if name is not None)

@@ -180,27 +180,26 @@ class _Document:
 
     def import_edits(self, imported: list[Target]) -> list[Edit]:
         """Imports of what is copied in go; what the copies need of the shipped library comes."""
-        edits: list[Edit] = []
-        present: set[tuple[str, str]] = set()
-        last: ast.Import | None = None
-        for item in self.main.tree.items:
-            if not isinstance(item, ast.Import):
-                continue
-            last = item
-            kept = [(name, local) for name, local in item.names if self.stays(local)]
-            present |= {(".".join(item.path), name) for name, _ in kept}
-            if len(kept) < len(item.names):
-                edits.append(Edit(item.span, self.import_text(item.path, kept)) if kept else Edit(_with_line(item.span), ""))
-        new = []
+        items = [item for item in self.main.tree.items if isinstance(item, ast.Import)]
+        kept = {id(item): [(name, local) for name, local in item.names if self.stays(local)] for item in items}
+        present = {(item.path, name) for item in items for name, _ in kept[id(item)]}
+        new: list[str] = []
         for key, name in imported:
             path = shipped_path(self.library.modules[key])
             assert path is not None
-            if (".".join(path), name) not in present and not any(name == own for own in self.main.qualified):
+            if (path, name) not in present and not any(name == target.name for target in self.main.qualified.values()):
                 new.append(self.import_text(path, [(name, name)]))
+        edits: list[Edit] = []
+        for item in items:
+            lines = [self.import_text(item.path, kept[id(item)])] if kept[id(item)] else []
+            if item is items[-1]:
+                lines, new = [*lines, *new], []
+            if len(lines) == 1 and len(kept[id(item)]) == len(item.names):
+                continue
+            edits.append(Edit(item.span, "\n".join(lines)) if lines else Edit(_with_line(item.span), ""))
         if new:
-            at = last.span.end if last else (self.main.tree.items[0].span.start if self.main.tree.items else 0)
-            text = "".join(f"\n{line}" for line in new) if last else "".join(f"{line}\n" for line in new)
-            edits.append(Edit(Span(self.main.source, at, at), text))
+            at = self.main.tree.items[0].span.start
+            edits.append(Edit(Span(self.main.source, at, at), "".join(f"{line}\n" for line in new)))
         return edits
 
     def stays(self, local: str) -> bool:

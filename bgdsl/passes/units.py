@@ -521,5 +521,8 @@ def _declared(unit: Unit | None) -> Unit | None:
     return None if unit is PURE else unit
 
 
+_SECONDS: Mapping[int, Unit] = {exponent: power(SECOND, Fraction(exponent)) for exponent in range(-3, 4)}
+
+
 def _seconds(exponent: int) -> Unit:
-    return power(SECOND, Fraction(exponent))
+    return _SECONDS[exponent]

@@ -213,10 +213,7 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
                 laws.check_numbers(build, item)
     report.stop_if_errors()
     if not part:
-        connect.warn_single(
-            build, (item for item, owner in build.parts if isinstance(item, JunctionPart) and not (item.open and owner is root)), bonds
-        )
-    report.stop_if_errors()
+        connect.warn_single(build, (item for item, _ in build.parts if isinstance(item, JunctionPart) and not item.open), bonds)
     graph = BondGraph(
         node.name,
         node.comment or "",
@@ -368,9 +365,13 @@ def _ordered(build: Build) -> Iterator[ParameterPart]:
 def _domains(library: Library) -> tuple[Domain, ...]:
     found = []
     for module in library.modules.values():
-        for item in module.tree.items:
+        stack: list[object] = list(reversed(module.tree.items))
+        while stack:
+            item = stack.pop()
             if isinstance(item, ast.Domain):
                 found.append(_domain(item))
+            elif isinstance(item, ast.Model):
+                stack.extend(reversed(item.items))
     return tuple(found)
 
 

@@ -142,6 +142,7 @@ def claimed_value(claim: Claim) -> Value:
                 f"`{entry.name}` of an array of {size} is modified with {shown_shape(shape)}",
                 entry.span,
                 f"{size} values are wanted",
+                helps=(f"write `each {entry.span.text}` to give it to all of them",),
             )
         value = value[position]
     return value

@@ -39,6 +39,7 @@ from bgdsl.passes.parts import (
 )
 from bgdsl.passes.values import diagonal, full, kind_of
 from bgdsl.source import Span
+from bgdsl.syntax import ast
 
 MISSING = Code("BG250", "an element's value is missing")
 BOTH = Code("BG251", "an element is given two values that exclude each other")
@@ -70,14 +71,15 @@ def settle(build: Build, part: ElementPart) -> None:
         return
     part.settled = True
     kind = part.kind
-    check_targets(build, part.claims, _TARGETS[kind.name], lambda: f"a {kind.name}", part.member.span)
+    check_targets(build, part.claims, _TARGETS[kind.name], lambda: f"{kind.article} {kind.name}", part.member.span)
     name, claim = _given(part)
     if name not in kind.parameters:
         part.law = (name, claim)
         return
     value = claimed_value(claim)
-    if kind_of(value) != "number":
-        raise Fault(VALUE_SIZE, f"`{name}` of a {kind.name} is a number, this is a {kind_of(value)}", claim[0].span, "")
+    if kind_of(value) != "number" or isinstance(claim[0].value, ast.Boolean):
+        what = "a truth value" if kind_of(value) == "number" else f"a {kind_of(value)}"
+        raise Fault(VALUE_SIZE, f"`{name}` of {kind.article} {kind.name} is a number, this is {what}", claim[0].span, what)
     _check_constant(part, name, value, claim[0].span)
     part.parameters[name] = _as_parameter(build, part, name, value, claim)
 
@@ -236,7 +238,12 @@ def _starts(part: ElementPart) -> dict[str, Expr]:
     for letter in ("p", "q", "e", "f"):
         for claim in nested(nested(part.claims, letter), "start"):
             if letter not in STARTS.get(part.kind.name, ()):
-                raise Fault(UNKNOWN_TARGET, f"`{letter}` of a {part.kind.name} has no initial value", claim[0].span, "it is no state")
+                raise Fault(
+                    UNKNOWN_TARGET,
+                    f"`{letter}` of {part.kind.article} {part.kind.name} has no initial value",
+                    claim[0].span,
+                    "it is no state",
+                )
             if first is not None:
                 raise Fault(BOTH, f"`{part.name}` is given two initial values", claim[0].span, "and this", others=[(first[0].span, "this")])
             first = claim
@@ -254,8 +261,8 @@ def _parasitic(build: Build, part: ElementPart) -> bool:
     value = attribute(part.claims, "parasitic") if part.kind.name in LAWS else None
     if value is None:
         return False
-    if not isinstance(value, Expr):
-        raise Fault(VALUE_SIZE, "`parasitic` is true or false", part.member.span, "")
+    if not isinstance(value, Expr) or (value.is_const and value.data not in (0.0, 1.0)):
+        raise Fault(VALUE_SIZE, f"`parasitic` of `{part.name}` is true or false", part.member.span, "")
     return bool(build.number(value, part.member.span))
 
 
@@ -347,7 +354,8 @@ def _nonlinear(part: ElementPart, name: str, claim: Claim) -> tuple[Law, ...]:
             if leaf.data in foreign:
                 raise Fault(
                     WRONG_LAW,
-                    f"the law of a {part.kind.name} relates `{related[0]}` and `{related[1]}`, this one reads `{foreign[leaf.data]}`",
+                    f"the law of {part.kind.article} {part.kind.name} relates `{related[0]}` and `{related[1]}`, "
+                    f"this one reads `{foreign[leaf.data]}`",
                     entry.span,
                     f"reads `{foreign[leaf.data]}`",
                     helps=("put what depends on it into an element of its own",),

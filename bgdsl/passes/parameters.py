@@ -85,6 +85,7 @@ def _bind(build: Build, part: ParameterPart) -> None:
         raise Fault(
             TYPE, f"`{part.name}` is a {part.type}, its value is a {kind_of(value)}", span, "", others=[(part.origin.span, "declared here")]
         )
+    _check_truth(part, span)
     if wanted != "number":
         part.value = value
         part.values = ()
@@ -111,6 +112,16 @@ def _folded(part: ParameterPart, value: Value) -> Value:
     named = entries(leaves_of(param, part.name, part.shape) if part.shape else param(part.name))
     kept = [item if item.is_zero else name for item, name in zip(part.values, named, strict=True)]
     return array_of(kept, part.shape) if part.shape else kept[0]
+
+
+def _check_truth(part: ParameterPart, span: Span) -> None:
+    """A truth value is no number: `true` for a Boolean, `1` for an Integer or a Real."""
+    written = next((entry.value for entry, _, _ in part.claims if entry.value is not None), None)
+    wrong = ast.Number if part.type == "Boolean" else ast.Boolean
+    if isinstance(written, wrong) and part.member is not None:
+        what = "a number" if wrong is ast.Number else "a truth value"
+        others = [(part.origin.span, "declared here")]
+        raise Fault(TYPE, f"`{part.name}` is a {part.type}, its value is {what}", span, what, others=others)
 
 
 def _reads_variable(part: ParameterPart, leaf: Expr, span: Span) -> Fault:

@@ -37,8 +37,8 @@ class Regions:
 
     def at(self, end: End) -> list[int]:
         """The places of a bond's end, one a component."""
-        first = self._places[end.node, end.port]
-        return [first + i for i in end.components]
+        first, components = self._places[end.node, end.port], end.components
+        return [first + components[0]] if len(components) == 1 else [first + i for i in components]
 
     def find(self, place: int) -> int:
         """The place that stands for the region of this one."""

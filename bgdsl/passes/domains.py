@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bgdsl.diagnostics import Code, Reporter
+from bgdsl.ir.change import changed
 from bgdsl.ir.domains import GENERIC
-from bgdsl.ir.graph import Bond, BondGraph, Origin
+from bgdsl.ir.graph import Bond, BondGraph, Element, Origin
 from bgdsl.ir.regions import Regions
 
 JOINED = Code("BG301", "two physical domains joined without a transformer or gyrator")
@@ -80,6 +81,8 @@ def _with_domains(graph: BondGraph, regions: Regions, domains: dict[int, str]) -
     """The graph with domains written in; a vector whose components differ is `Generic` as a whole."""
 
     def common(places: list[int]) -> str:
+        if len(places) == 1:
+            return domains.get(regions.find(places[0]), GENERIC)
         found = {domains.get(regions.find(place), GENERIC) for place in places}
         return found.pop() if len(found) == 1 else GENERIC
 
@@ -87,15 +90,13 @@ def _with_domains(graph: BondGraph, regions: Regions, domains: dict[int, str]) -
         first = regions.place(node, port)
         return common([first + i for i in range(width)])
 
+    def in_place(element: Element) -> Element:
+        ports = tuple(changed(port, "domain", around(element.name, k, port.width)) for k, port in enumerate(element.ports))
+        return changed(element, "ports", ports)
+
     return replace(
         graph,
-        junctions=tuple(replace(j, domain=around(j.name, 0, j.size or 1)) for j in graph.junctions),
-        elements=tuple(
-            replace(
-                element,
-                ports=tuple(replace(port, domain=around(element.name, k, port.width)) for k, port in enumerate(element.ports)),
-            )
-            for element in graph.elements
-        ),
-        bonds=tuple(replace(bond, domain=common(regions.at(bond.tail))) for bond in graph.bonds),
+        junctions=tuple(changed(j, "domain", around(j.name, 0, j.size or 1)) for j in graph.junctions),
+        elements=tuple(in_place(element) for element in graph.elements),
+        bonds=tuple(changed(bond, "domain", common(regions.at(bond.tail))) for bond in graph.bonds),
     )

@@ -19,6 +19,7 @@ from fractions import Fraction
 
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import Expr, leaves, param, to_text
+from bgdsl.ir.change import changed
 from bgdsl.ir.dimensions import JOULE, NUMBER, SECOND, Unit, UnitError, agree, over, parse_unit, power, spell, times
 from bgdsl.ir.domains import DOMAINS, Domain
 from bgdsl.ir.elements import KINDS
@@ -494,7 +495,7 @@ class _Check:
             self.graph,
             parameters=tuple(self._with_unit(parameter, wanted) for parameter in self.graph.parameters),
             signals=tuple(
-                replace(signal, unit=self._common(signal.scalars())) if not signal.unit else signal for signal in self.graph.signals
+                changed(signal, "unit", self._common(signal.scalars())) if not signal.unit else signal for signal in self.graph.signals
             ),
             units=states,
         )
@@ -504,7 +505,7 @@ class _Check:
             return parameter
         found = {wanted.get(name) or self._parameter(name) for name in parameter.scalars()}
         unit = found.pop() if len(found) == 1 else None
-        return parameter if unit is None else replace(parameter, unit=spell(unit))
+        return parameter if unit is None else changed(parameter, "unit", spell(unit))
 
     def _common(self, names: tuple[str, ...]) -> str:
         found = {self.slots.unit(self.signals[name]) for name in names}

@@ -65,6 +65,7 @@ class Code:
 
     size: numbers it gives. constants: the operations whose values the constants array holds. work: length of the work array.
     factors: parametric matrices, each with where its factors start in the array of factored matrices (`factor_size` numbers).
+    calls_runtime: whether the text calls the routines of `runtime.py`.
     """
 
     text: str
@@ -72,6 +73,7 @@ class Code:
     constants: tuple[int, ...]
     work: int
     factors: tuple[tuple[LinearSolve, int], ...]
+    calls_runtime: bool
 
 
 def emit(tape: Tape, *, slot: int, elimination: Elimination | None = None, chunk: int = CHUNK) -> Code:
@@ -102,7 +104,8 @@ class _Emitter:
         tables = [table_text(name, table, order) for name, table, order in self.tables.values()]
         text = "\n".join((_HEAD, *tables, *self.functions, main, ""))
         size = len(self.tape.roots) if self.elimination is None else len(self.elimination.rows)
-        return Code(text, size, tuple(self.listed), layout.work_size, tuple(layout.factors))
+        calls = self.elimination is not None or any(isinstance(part, Block) for part in layout.parts)
+        return Code(text, size, tuple(self.listed), layout.work_size, tuple(layout.factors), calls)
 
     def constant(self, k: int) -> int:
         """The place of a parametric value among the constants."""

@@ -80,6 +80,7 @@ def _optimise(module: Any, machine: Any) -> None:
 
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_vectorization = True
+    options.loop_unrolling = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
 
@@ -107,7 +108,7 @@ def runtime() -> Loaded:
     """The routines that kernels call, in memory and known by name to every later `Loaded`."""
     import llvmlite.binding as llvm
 
-    loaded = Loaded(machine_code(runtime_text(), 2, passes=True))
+    loaded = Loaded(machine_code(runtime_text(), 1, passes=True))
     for name in _RUNTIME:
         llvm.add_symbol(name, loaded.address(name))
     return loaded

@@ -62,7 +62,7 @@ class NativeKernel:
     """One compiled function of a model: its machine code, its constants and its work array."""
 
     def __init__(self, tape: Tape, code: Code, slot: int, level: int, context: Any, elimination: Elimination | None = None) -> None:
-        if "@bg_" in code.text:
+        if code.calls_runtime:
             runtime()
         self.tape = tape
         self.code = code
@@ -155,11 +155,12 @@ class NativeModel:
     @cached_property
     def jacobian(self) -> NativeKernel:
         """The values of d(rhs)/dx in the order of `pattern`."""
-        entries = self.program.jacobian.matrix.entries
-        elimination = self._elimination
-        if not elimination.blocks:
-            return self._compile([value for _, _, value in sorted(entries, key=_column_first)], slot=1, level=0)
-        return self._compile([value for _, _, value in entries], slot=1, level=0, elimination=elimination)
+        with uncollected():
+            entries = self.program.jacobian.matrix.entries
+            elimination = self._elimination
+            if not elimination.blocks:
+                return self._compile([value for _, _, value in sorted(entries, key=_column_first)], slot=1, level=0)
+            return self._compile([value for _, _, value in entries], slot=1, level=0, elimination=elimination)
 
     @cached_property
     def _elimination(self) -> Elimination:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 
 from bgdsl.backends.native.numbers import literal
 
@@ -21,14 +22,16 @@ from bgdsl.backends.native.numbers import literal
 class _Routine:
     """A function under construction, with loops and mutable variables; LLVM turns the latter into registers."""
 
-    def __init__(self, head: str) -> None:
+    def __init__(self, head: str, numbers: Iterator[int]) -> None:
         self.head = head
+        self.numbers = numbers
         self.variables: list[str] = []
         self.lines: list[str] = []
         self.count = 0
+        self.marks: list[str] = []
 
     def text(self) -> str:
-        return "\n".join((f"define {self.head} nounwind {{", "entry:", *self.variables, *self.lines, "}"))
+        return "\n".join((f"define {self.head} nounwind {{", "entry:", *self.variables, *self.lines, "}", *self.marks))
 
     def name(self) -> str:
         self.count += 1
@@ -79,8 +82,8 @@ class _Routine:
         self.set(variable, self.new(f"call double @llvm.maximum.f64(double {self.get(variable)}, double {value})"))
 
     @contextmanager
-    def loop(self, start: str, end: str) -> Iterator[str]:
-        """For i from `start` up to `end`, exclusive."""
+    def loop(self, start: str, end: str, *, wide: bool = False) -> Iterator[str]:
+        """For i from `start` up to `end`, exclusive; `wide` where it is worth LLVM's time to do several at once."""
         index = self.variable("i64")
         name = self.name()[1:]
         self.set(index, start, "i64")
@@ -90,7 +93,13 @@ class _Routine:
         self.do(f"br i1 {more}, label %body{name}, label %end{name}\nbody{name}:")
         yield i
         self.set(index, self.integer("add", i, "1"), "i64")
-        self.do(f"br label %head{name}\nend{name}:")
+        self.do(f"br label %head{name}{'' if wide else self.narrow()}\nend{name}:")
+
+    def narrow(self) -> str:
+        """A mark on a loop's last branch: one at a time."""
+        mark = f"!{next(self.numbers)}"
+        self.marks.append(f"{mark} = distinct !{{{mark}, !0}}")
+        return f", !llvm.loop {mark}"
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
@@ -108,7 +117,7 @@ class _Routine:
 
     def subtract(self, target: str, factor: str, source: str, start: str, end: str) -> None:
         """target[j] -= factor source[j]"""
-        with self.loop(start, end) as j:
+        with self.loop(start, end, wide=True) as j:
             product = self.float("fmul", factor, self.load(source, j))
             self.store(target, j, self.float("fsub", self.load(target, j), product))
 
@@ -119,14 +128,14 @@ class _Routine:
             self.store(b, j, x)
 
 
-def _factor() -> str:
-    r = _Routine("i32 @bg_factor(i64 %n, ptr noalias %A, ptr noalias %s)")
+def _factor(numbers: Iterator[int]) -> str:
+    r = _Routine("i32 @bg_factor(i64 %n, ptr noalias %A, ptr noalias %s)", numbers)
     rows, columns = r.at("%s", "%n"), r.at("%s", r.integer("mul", "%n", "2"))
     most, best, where = r.variable(), r.variable(), r.variable("i64")
     with r.loop("0", "%n") as i:
         row = r.row("%A", i, "%n")
         r.set(most, "0.0")
-        with r.loop("0", "%n") as j:
+        with r.loop("0", "%n", wide=True) as j:
             r.largest(most, r.size(r.load(row, j)))
         with r.when(r.test("ule", r.get(most), "0.0")):
             r.leave("i32 1")
@@ -135,7 +144,7 @@ def _factor() -> str:
         r.store(columns, j, "0.0")
     with r.loop("0", "%n") as i:
         row, scale = r.row("%A", i, "%n"), r.load(rows, i)
-        with r.loop("0", "%n") as j:
+        with r.loop("0", "%n", wide=True) as j:
             value = r.float("fmul", r.size(r.load(row, j)), scale)
             before = r.load(columns, j)
             r.store(columns, j, r.new(f"select i1 {r.test('ogt', value, before)}, double {value}, double {before}"))
@@ -169,8 +178,8 @@ def _factor() -> str:
     return r.text()
 
 
-def _substitute() -> str:
-    r = _Routine("void @bg_substitute(i64 %n, ptr noalias %A, ptr noalias %s, i64 %m, ptr noalias %B)")
+def _substitute(numbers: Iterator[int]) -> str:
+    r = _Routine("void @bg_substitute(i64 %n, ptr noalias %A, ptr noalias %s, i64 %m, ptr noalias %B)", numbers)
     with r.loop("0", "%n") as k:
         p = r.new(f"load i64, ptr {r.at('%s', k)}")
         with r.when(r.new(f"icmp ne i64 {p}, {k}")):
@@ -204,7 +213,7 @@ def _substitute_one(r: _Routine, last: str) -> None:
     total = r.variable()
 
     def dot(row: str, start: str, end: str) -> None:
-        with r.loop(start, end) as k:
+        with r.loop(start, end, wide=True) as k:
             product = r.new(f"fmul reassoc contract double {r.load(row, k)}, {r.load('%B', k)}")
             r.set(total, r.new(f"fsub reassoc contract double {r.get(total)}, {product}"))
 
@@ -224,8 +233,10 @@ _STEPS = 60
 _HALVINGS = 30
 
 
-def _newton() -> str:
-    r = _Routine("i32 @bg_newton(i64 %n, ptr %eval, ptr %area, ptr %warm, ptr %info, double %t, ptr %x, ptr %u, ptr %c, ptr %w, ptr %o)")
+def _newton(numbers: Iterator[int]) -> str:
+    r = _Routine(
+        "i32 @bg_newton(i64 %n, ptr %eval, ptr %area, ptr %warm, ptr %info, double %t, ptr %x, ptr %u, ptr %c, ptr %w, ptr %o)", numbers
+    )
     z = "%area"
     f, guess, step, start, scales, matrix = (r.at("%area", r.integer("mul", "%n", str(k))) for k in range(1, 7))
     scratch = r.at(matrix, r.integer("mul", "%n", "%n"))
@@ -320,8 +331,8 @@ def _newton() -> str:
     return r.text()
 
 
-def _eliminate() -> str:
-    r = _Routine("i32 @bg_eliminate(ptr noalias %array, ptr noalias %plan)")
+def _eliminate(numbers: Iterator[int]) -> str:
+    r = _Routine("i32 @bg_eliminate(ptr noalias %array, ptr noalias %plan)", numbers)
     position = r.variable("i64")
     r.set(position, "0", "i64")
 
@@ -361,5 +372,7 @@ def runtime_text() -> str:
         "declare double @llvm.fabs.f64(double)",
         "declare double @llvm.maximum.f64(double, double)",
         "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
+        '!0 = !{!"llvm.loop.vectorize.enable", i1 false}',
     )
-    return "\n".join((*head, _factor(), _substitute(), _newton(), _eliminate(), ""))
+    numbers = count(1)
+    return "\n".join((*head, _factor(numbers), _substitute(numbers), _newton(numbers), _eliminate(numbers), ""))

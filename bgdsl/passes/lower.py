@@ -3,7 +3,7 @@
 Input        SortedSystem  blocks in evaluation order
 Output       Program       assignments, linear and Newton solves; derivatives, outputs, bonds, values, events, starts
 Establishes  each variable is defined once, before it is read; linear loops of up to three tears are formulas
-Reports      BG506 a loop that is singular whatever the parameters
+Reports      BG506 a loop that is singular with the parameters' default values
 
 Copies, signs and constants are passed on to their readers, so that what the structure sets to zero costs nothing; the
 assignments themselves stay, and `Program.needed` leaves out those that nobody reads.
@@ -11,6 +11,7 @@ assignments themselves stay, and `Program.needed` leaves out those that nobody r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -24,6 +25,7 @@ from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, deriv
 from bgdsl.passes.differentiate import Gradient, gradients, jacobian
 from bgdsl.passes.events import collect_events
 from bgdsl.passes.invert import divide
+from bgdsl.passes.moduli import Moduli
 
 SINGULAR_LOOP = Code("BG506", "an algebraic loop is singular")
 
@@ -87,8 +89,9 @@ def _in_order(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
 def _lower_blocks(sorted_system: SortedSystem, known: dict[Expr, Expr], report: Reporter) -> list[Step]:
     """The steps of all blocks; `known` gets what every copied or constant variable stands for."""
     steps: list[Step] = []
+    moduli = Moduli(sorted_system.system.graph)
     for block in sorted_system.blocks:
-        for step in _steps(block, sorted_system.system.guesses, report):
+        for step in _steps(block, sorted_system.system.guesses, moduli, report):
             steps.append(_passed_on(step, known))
     return steps
 
@@ -121,14 +124,18 @@ def _initial_steps(sorted_system: SortedSystem, report: Reporter) -> tuple[Step,
 # --------------------------------------------------------------------------------------------------------------- blocks
 
 
-def _steps(block: Block, guesses: Mapping[str, Expr], report: Reporter) -> Iterator[Step]:
+def _steps(block: Block, guesses: Mapping[str, Expr], moduli: Moduli, report: Reporter) -> Iterator[Step]:
     inner = len(block.equations) - len(block.torn)
     assigns = tuple(Assign(str(e.assigned), e.right, e.origin) for e in block.equations[:inner])
     residuals = block.equations[inner:]
     if not block.torn:
         yield from assigns
     elif block.linear:
-        yield from _solve_linear(block, assigns, residuals, report)
+        slopes = _slopes(assigns, residuals, block.torn)
+        if _is_singular(slopes, moduli):
+            _report_singular(block, report)
+        else:
+            yield from _solve_linear(block, assigns, slopes)
         yield from assigns
     else:
         slopes = _slopes(assigns, residuals, block.torn)
@@ -146,16 +153,49 @@ def _slopes(assigns: Iterable[Assign], residuals: Iterable[Equation], torn: Sequ
     return gradients([e.left - e.right for e in residuals], known)
 
 
-def _solve_linear(block: Block, assigns: Sequence[Assign], residuals: Sequence[Equation], report: Reporter) -> Iterator[Step]:
+def _is_singular(slopes: Sequence[Gradient], moduli: Moduli) -> bool:
+    """Whether a matrix over parameters is singular with their defaults; what reads states is judged when it runs."""
+    n = len(slopes)
+    if any(not row for row in slopes):
+        return True
+    numbers = [[0.0] * n for _ in slopes]
+    for i, row in enumerate(slopes):
+        for j, value in row.items():
+            number = moduli.value(value)
+            if number is None or not math.isfinite(number):
+                return False
+            numbers[i][j] = number
+    return _rank_is_lost(numbers)
+
+
+def _rank_is_lost(rows: list[list[float]]) -> bool:
+    """Gaussian elimination with row scaling and partial pivoting: whether a pivot is round-off."""
+    n = len(rows)
+    rows = [[value / largest for value in row] for row in rows if (largest := max(map(abs, row))) > 0.0]
+    if len(rows) < n:
+        return True
+    for k in range(n):
+        pivot = max(range(k, n), key=lambda i: abs(rows[i][k]))
+        if abs(rows[pivot][k]) < 1e-13:
+            return True
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        for i in range(k + 1, n):
+            factor = rows[i][k] / rows[k][k]
+            if factor:
+                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k], strict=True)]
+    return False
+
+
+def _solve_linear(block: Block, assigns: Sequence[Assign], slopes: Sequence[Gradient]) -> Iterator[Step]:
     """A z = b for the torn unknowns: A from the gradients, b from the residuals at z = 0."""
-    slopes = _slopes(assigns, residuals, block.torn)
+    residuals = block.equations[len(assigns) :]
     at_zero: dict[Expr, Expr] = {var(name): ZERO for name in block.torn}
     for assign in assigns:
         (at_zero[var(assign.variable)],) = rewrite((assign.value,), at_zero)
     right = tuple(-value for value in rewrite([e.left - e.right for e in residuals], at_zero))
     origin = residuals[0].origin
     if len(block.torn) <= 3:
-        yield from _by_formula(block, slopes, right, origin, report)
+        yield from _by_formula(block.torn, slopes, right, origin)
         return
     entries = tuple((i, j, row[j]) for i, row in enumerate(slopes) for j in sorted(row))
     yield SolveLinear(block.torn, entries, right, origin, _loop_name(block), _is_symmetric(slopes))
@@ -166,15 +206,12 @@ def _is_symmetric(slopes: Sequence[Gradient]) -> bool:
     return all(slopes[j].get(i) is value for i, row in enumerate(slopes) for j, value in row.items())
 
 
-def _by_formula(block: Block, slopes: Sequence[Gradient], right: Sequence[Expr], origin: Origin, report: Reporter) -> Iterator[Step]:
+def _by_formula(names: Sequence[str], slopes: Sequence[Gradient], right: Sequence[Expr], origin: Origin) -> Iterator[Step]:
     """Cramer's rule for up to three unknowns."""
     n = len(right)
     matrix = [[slopes[i].get(j, ZERO) for j in range(n)] for i in range(n)]
     whole = determinant(matrix)
-    if whole.is_zero:
-        _report_singular(block, report)
-        return
-    for j, name in enumerate(block.torn):
+    for j, name in enumerate(names):
         swapped = [[right[i] if k == j else matrix[i][k] for k in range(n)] for i in range(n)]
         yield Assign(name, divide(determinant(swapped), whole), origin)
 
@@ -201,11 +238,12 @@ def _report_singular(block: Block, report: Reporter) -> None:
     others = {e.origin.span: e.element for e in block.equations if e.origin.span != first.origin.span}
     report.add(
         SINGULAR_LOOP,
-        f"the loop through {', '.join(f'`{name}`' for name in block.torn)} has no unique solution, whatever the parameters",
+        f"the loop through {', '.join(f'`{name}`' for name in block.torn)} has no unique solution",
         first.origin.span,
         f"the loop closes at `{first.element}`",
         others=[(span, f"through `{element}`") for span, element in others.items()][:6],
-        helps=["two equations of the loop say the same or contradict each other; remove one, or put an R, C or I into the loop"],
+        notes=["with the parameters' default values its equations repeat or contradict each other"],
+        helps=["remove one of the parts that say the same, or put an R, C or I between them"],
     )
 
 

@@ -44,6 +44,10 @@ class Moduli:
             return found - {0} if value else found
         return found
 
+    def value(self, root: Expr) -> float | None:
+        """The number that an expression over parameters has with their defaults; None where it reads anything else."""
+        return self._evaluate(root) if self._only_parameters(root) else None
+
     @staticmethod
     def _only_parameters(root: Expr) -> bool:
         return not any(True for _ in leaves((root,), "var")) and not any(True for _ in leaves((root,), "time"))

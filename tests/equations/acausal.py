@@ -19,14 +19,8 @@ from bgdsl.ir.graph import BondGraph
 
 def acausal_equations(graph: BondGraph) -> list[Expr]:
     """Residuals over bond variables `bond.e`, `bond.f`, storage states and signals; `der(x)` stands for rates."""
-    at: dict[tuple[str, int, int], list[tuple[int, str]]] = {}
-    for bond in graph.bonds:
-        for i in range(bond.width):
-            name = component(bond.name, None if bond.size is None else i)
-            for sign, end in ((-1, bond.tail), (1, bond.head)):
-                at.setdefault((end.node, end.port, end.components[i]), []).append((sign, name))
+    at = _bonds_at(graph)
     residuals: list[Expr] = []
-    ports: dict[Expr, Expr] = {}
     for junction in graph.junctions:
         for i in range(junction.size or 1):
             common, summed = ("f", "e") if junction.kind else ("e", "f")
@@ -35,15 +29,31 @@ def acausal_equations(graph: BondGraph) -> list[Expr]:
             residuals += [variable - var(f"{name}.{common}") for _, name in bonds]
             residuals.append(add(var(f"{name}.{summed}") if sign > 0 else -var(f"{name}.{summed}") for sign, name in bonds))
     for element in graph.elements:
-        for k, port in enumerate(element.ports):
-            for i in range(port.width):
-                ((_, name),) = at[element.name, k, i]
-                for letter in "ef":
-                    ports[var(port.variable(element.name, letter, i))] = var(f"{name}.{letter}")
-    for element in graph.elements:
         residuals += _element(element)
     residuals += [e.left - e.right for e in graph.equations]
-    return list(substitute(residuals, ports))
+    return list(substitute(residuals, port_variables(graph)))
+
+
+def _bonds_at(graph: BondGraph) -> dict[tuple[str, int, int], list[tuple[int, str]]]:
+    at: dict[tuple[str, int, int], list[tuple[int, str]]] = {}
+    for bond in graph.bonds:
+        for i in range(bond.width):
+            name = component(bond.name, None if bond.size is None else i)
+            for sign, end in ((-1, bond.tail), (1, bond.head)):
+                at.setdefault((end.node, end.port, end.components[i]), []).append((sign, name))
+    return at
+
+
+def port_variables(graph: BondGraph) -> dict[Expr, Expr]:
+    """The effort and flow of every element port as those of its bond."""
+    at = _bonds_at(graph)
+    return {
+        var(port.variable(element.name, letter, i)): var(f"{at[element.name, k, i][0][1]}.{letter}")
+        for element in graph.elements
+        for k, port in enumerate(element.ports)
+        for i in range(port.width)
+        for letter in "ef"
+    }
 
 
 def _element(element) -> list[Expr]:  # type: ignore[no-untyped-def]
@@ -91,6 +101,9 @@ def solve_acausal(
 ) -> dict[str, float]:
     """Every variable that solves the equations for the given values of the independent states."""
     first = acausal_equations(graph)
+    # a state may be the effort or flow of a port; here it is that of its bond
+    ports = {name.data: bond.data for name, bond in port_variables(graph).items()}
+    states = {ports.get(name, name): value for name, value in states.items()}
     equations = [*first, *(total_rate(e) for e in first)]
     names = sorted({node.data for node in topological(equations) if node.op == "var"} - set(states))
     number = {name: j for j, name in enumerate(names)}
@@ -110,7 +123,16 @@ def solve_acausal(
     assert np.max(np.abs(residual), initial=0.0) < 1e-7 * (1.0 + np.max(np.abs(z), initial=0.0)), (
         "the acausal equations have no solution here"
     )
-    return {**states, **dict(zip(names, z.tolist(), strict=True))}
+    known = {**states, **dict(zip(names, z.tolist(), strict=True))}
+    return known | {f"der({port})": known[f"der({bond})"] for port, bond in ports.items() if f"der({bond})" in known}
+
+
+def residual_of(graph, values, direct, x, known):  # type: ignore[no-untyped-def]
+    """The residuals of the acausal equations, variables that are no bond's taken from the program."""
+    for equation in acausal_equations(graph):
+        names = {node.data for node in topological((equation,)) if node.op == "var"}
+        filled = {n: known[n] if n in known else direct.value(values[n], x) for n in names}
+        yield evaluate(equation, {**known, **filled}, tables=graph.tables)
 
 
 def _gradient(root: Expr, number: Mapping[str, int]) -> dict[int, Expr]:

@@ -66,3 +66,14 @@ class Partitions:
     partitions: tuple[Partition, ...]
     of_node: tuple[int, ...]
     passed: tuple[Passed, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """A signal held at `value` where it modulates `reader` (a term's index, or the left side of a signal's equation).
+    change: the largest integral of |change of e f| of a term it touches, relative to the largest activity at its junctions."""
+
+    signal: str
+    reader: int | str
+    value: float
+    change: float

@@ -65,21 +65,20 @@ def _numbered(needs: Dependencies, edges: Sequence[Edge], component: Sequence[in
     number = [-1] * count
     for k, c in enumerate(c for c in range(count) if real[c]):
         number[c] = k
-    pairs = {(component[e.source], component[e.reader]) for e in edges if component[e.source] != component[e.reader]}
-    ordered = sorted(pairs, key=lambda pair: (pair[1], pair[0]))
-    for source, reader in ordered:  # by reader: what it reads is settled before
-        if not real[reader]:
-            number[reader] = max(number[reader], number[source])
-    for source, reader in sorted(pairs, reverse=True):  # by source from the end: its readers are settled before
-        if number[source] < 0 and number[reader] >= 0:
-            number[source] = number[reader]
-        elif not real[source] and not any_reads(source, ordered) and number[reader] >= 0:
-            number[source] = min(number[source], number[reader]) if number[source] >= 0 else number[reader]
+    sources: list[set[int]] = [set() for _ in range(count)]
+    readers: list[set[int]] = [set() for _ in range(count)]
+    for edge in edges:
+        source, reader = component[edge.source], component[edge.reader]
+        if source != reader:
+            sources[reader].add(source)
+            readers[source].add(reader)
+    for c in range(count):  # what has no storage follows what it reads
+        if not real[c]:
+            number[c] = max((number[s] for s in sources[c]), default=-1)
+    for c in reversed(range(count)):  # what reads nothing that has one goes to its first reader
+        if number[c] < 0:
+            number[c] = min((number[r] for r in readers[c] if number[r] >= 0), default=-1)
     return [max(0, number[c]) for c in component]
-
-
-def any_reads(component: int, pairs: Sequence[tuple[int, int]]) -> bool:
-    return any(reader == component for _, reader in pairs)
 
 
 def strong_components(size: int, pairs: Sequence[tuple[int, int]]) -> list[int]:

@@ -77,6 +77,9 @@ class _FlatWriter:
         self.parameters: dict[str, None] = {}
         self.tables: dict[str, None] = {}
         self.sources: set[str] = set()
+        self.held: dict[int | str, list[tuple[str, float]]] = {}
+        for (reader, signal), held in part.frozen.items():
+            self.held.setdefault(reader, []).append((signal, held))
         self.head: list[str] = []
         self.statements: list[str] = []
         self.junction_names = [self.name(j.name) for j in scalar.junctions]
@@ -138,11 +141,10 @@ class _FlatWriter:
         own = {element.ports[0].variable(element.name, x, i): i for x in "efpq" for i in range(element.ports[0].width)}
         return any(len({own[leaf.data] for leaf in leaves((law.left, law.right)) if leaf.data in own}) > 1 for law in element.laws)
 
-    def read(self, *roots: Expr, reader: int | str | None = None) -> tuple[str, ...]:
-        """The texts of expressions in the new names; what is not there becomes an input."""
-        if reader is not None and self.part.frozen:
-            held = {var(s): const(v) for (who, s), v in self.part.frozen.items() if who == reader}
-            roots = substitute(roots, held) if held else roots
+    def read(self, *roots: Expr, readers: tuple[int | str, ...] = ()) -> tuple[str, ...]:
+        """The texts of expressions in the new names; what is not there becomes an input. readers: who reads, as `frozen` knows it."""
+        held = {var(signal): const(value) for reader in readers for signal, value in self.held.get(reader, ())}
+        roots = substitute(roots, held) if held else roots
         roots = self.expanded(self.bound(roots))
         renamed: dict[Expr, Expr] = {}
         for node in topological(roots):
@@ -252,7 +254,7 @@ class _FlatWriter:
         if law is None or law.left.op != "var" or law.left.data not in letters:
             raise UnwritableError((term.index,), f"the law of `{element.name}` is not given for one variable")
         kept, self.own = self.own, own
-        (right,) = self.read(law.right, reader=term.index)
+        (right,) = self.read(law.right, readers=(term.index,))
         self.own = kept
         return [f"{letters[law.left.data]} = {right}", *self.flags(element, term)]
 
@@ -305,7 +307,7 @@ class _FlatWriter:
         first = min((term, far), key=lambda t: (t.port, t.spot)) if kind == "EJS" else min((term, far), key=lambda t: t.port)
         second = far if first is term else term
         assert first.modulus is not None
-        (modulus,) = self.read(first.modulus, reader=first.index)
+        (modulus,) = self.read(first.modulus, readers=(first.index, second.index))
         name = self.two_port_name(first)
         shown = {"TF": ("MTF", "m"), "MTF": ("MTF", "m")}.get(kind, ("MGY", "r"))
         self.head.append(f"{shown[0]} {name}({shown[1]} = {modulus});")
@@ -328,7 +330,7 @@ class _FlatWriter:
         conjugate = "ef"[1 - self.scalar.junctions[term.junction].kind]
         if letter == conjugate and term.sign < 0:
             value = -value
-        (text,) = self.read(value, reader=term.index)
+        (text,) = self.read(value, readers=(term.index, far.index))
         name = self.two_port_name(term) if term.modulus is not None else self.name(_bond_name(term))
         if name in self.sources:  # both ends of one bond are sources
             name = self.name(f"{name}_back")
@@ -355,7 +357,8 @@ class _FlatWriter:
             else:
                 for name in mine:
                     start = self.starts(signal, [name])
-                    lines.append(f"{prefix}Real {self.own[name]}{_arguments(start, signal.unit)}{_quoted(signal.comment)};")
+                    own = "output " if name in self.part.outputs else prefix
+                    lines.append(f"{own}Real {self.own[name]}{_arguments(start, signal.unit)}{_quoted(signal.comment)};")
         for equation in self.graph.equations:
             left = equation.left.data if equation.left.op == "var" else None
             target = left[4:-1] if left and left.startswith("der(") else left
@@ -363,7 +366,7 @@ class _FlatWriter:
                 raise UnwritableError((), "an equation that is not solved for a variable has no place in a part")
             if target in self.part.signals:
                 assert left is not None
-                (right,) = self.read(equation.right, reader=left)
+                (right,) = self.read(equation.right, readers=(left,))
                 self.statements.append(f"{self.own[left]} = {right};")
         return lines
 
@@ -387,7 +390,8 @@ class _FlatWriter:
         self.write_terms()
         signals = self.write_signals()
         initial = self.initial()
-        outputs = [f"output Real {self.name(v)} = {self.own[v]};" for v in self.part.outputs if v in self.own and v not in self.inputs]
+        given = {v: self.own[v] for v in self.part.outputs if v in self.own and self.own[v] != self.name(v)}
+        outputs = [f"output Real {self.name(v)} = {text};" for v, text in given.items()]
         inputs = [f"input Real {text};" for text in self.inputs.values()]
         parameters = self.parameter_lines()
         experiments = [line for e in self.graph.experiments for line in self.experiment(e)]

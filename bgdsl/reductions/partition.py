@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bgdsl.ir.activity import ActivityReport
-from bgdsl.ir.partition import Dependencies, Edge, Partition, Partitions
+from bgdsl.ir.partition import Dependencies, Edge, Frozen, Partition, Partitions
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, decide, settle
 from bgdsl.reductions.determined import gone_elements, reinstate
@@ -23,17 +23,6 @@ from bgdsl.reductions.rewrite_source import Provenance, term_comments
 
 Needs = Callable[[frozenset[int]], Dependencies]
 Split = Callable[[Dependencies, Collection[Edge]], Partitions]
-
-
-@dataclass(frozen=True, slots=True)
-class Frozen:
-    """A signal held at `value` where it modulates `reader` (a term's index, or the left side of a signal's equation).
-    change: the largest integral of |change of e f| of a term it touches, relative to the largest activity at its junctions."""
-
-    signal: str
-    reader: int | str
-    value: float
-    change: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +67,20 @@ def find_partitions(
         misses, apart_at = nearest_misses(scalar, report, threshold, needs, split, guard=guard, freezable=freezable or {})
         return Partitioning(decision, found, (), misses, apart_at)
     if not conditioned:
-        decision = boundary(scalar, decision, found)
+        decision = boundary(scalar, decision, found, needs(frozenset()))
         found, frozen = _apart(needs(decision.dropped), split, holding)
     return Partitioning(decision, found, frozen)
 
 
-def boundary(scalar: ScalarGraph, decision: Decision, found: Partitions) -> Decision:
-    """The decision restricted to terms between two partitions."""
+def boundary(scalar: ScalarGraph, decision: Decision, found: Partitions, full: Dependencies) -> Decision:
+    """The decision restricted to terms between two partitions, and terms whose modulus reads a later one. full: the
+    dependencies of the whole model."""
+    against = {edge.term for edge in full.edges if found.of_node[edge.source] > found.of_node[edge.reader]}
     between = set()
     for t in decision.dropped:
         term = scalar.terms[t]
-        if term.other is not None and found.of_node[term.junction] != found.of_node[scalar.terms[term.other].junction]:
+        far = scalar.terms[term.other].junction if term.other is not None else term.junction
+        if t in against or found.of_node[term.junction] != found.of_node[far]:
             between.add(t)
     return settle(scalar, decision.restricted(frozenset(between)))
 
@@ -133,7 +125,7 @@ def nearest_misses(
     if low == len(levels):
         return (), None
     decision, found = at(levels[low])
-    between = boundary(scalar, decision, found).dropped
+    between = boundary(scalar, decision, found, needs(frozenset())).dropped
     records = report.by_index()
     names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
     misses = [Miss(t, names[t], records[t].name, records[t].rho) for t in between if records[t].rho >= threshold]

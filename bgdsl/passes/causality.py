@@ -276,7 +276,7 @@ class _Scap:
 
     def repair(self, since: int, settled: frozenset[tuple[int, int | None]]) -> None:
         """Give junctions that choices left without a determiner one, changing what was decided since then."""
-        places = [c for key, c in self.constrained.items() if key not in settled and c.source is None]
+        places = [c for key, c in self.constrained.items() if key not in settled and (c.term is None or c.source is None)]
         if not places:
             return
         soft = [False] * len(self.scalar.terms)
@@ -365,13 +365,15 @@ class _Scap:
                 self.check_constraint(graph, place)
 
     def check_constraint(self, graph: Graph, place: Constrained) -> None:
+        far = -1 if place.term is None else self.state.other[place.term]
+        if far >= 0 and self.state.alike[far] and self.state.value[far] == 0:
+            return  # both relations of the two-port are constraints, and each has the other's multiplier
         parents = dict.fromkeys(self.origins(place), -1)
         queue = list(parents)
         found: dict[int, int] = {}
         for node in queue:
-            j = node // 2
-            if j != place.junction and node % 2 == 0 and self.state.determiner[j] < 0:
-                return  # another constraint's multiplier
+            if self.reads_multiplier(node, place):
+                return
             for t in self.brought(node):
                 if not self.is_source(self.scalar.terms[t]):
                     return
@@ -384,6 +386,19 @@ class _Scap:
             found = {place.term: -1, **found}
         ways = [self.way(parents, source, node) for source, node in list(found.items())[:2]]
         sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], ways)
+
+    def reads_multiplier(self, node: int, place: Constrained) -> bool:
+        """Does another constraint's multiplier enter at this node?"""
+        j, summed = divmod(node, 2)
+        present = self.state.determiner[j]
+        if not summed:
+            return j != place.junction if present < 0 else self.is_surplus(present, place)
+        return any(t != present and self.is_surplus(t, place) for t in self.scalar.terms_at[j])
+
+    def is_surplus(self, t: int, besides: Constrained) -> bool:
+        """Does this term belong to a two-port whose relation is another constraint?"""
+        far = self.state.other[t]
+        return any((self.state.junction[end], end) in self.constrained for end in (t, far) if far >= 0 and besides.term not in (t, far))
 
     def origins(self, place: Constrained) -> list[int]:
         """The nodes of the dependence graph that a constraint reads."""

@@ -28,9 +28,9 @@ CROWDED = 1e-6
 """... within this share of the run are no honest events any more."""
 
 
-STANDSTILL = 1e-5
+STANDSTILL = 1e-4
 """Less progress than this share of the run in `PATIENCE` steps, in a model with events, is chattering; ..."""
-COLLAPSE = 1e-7
+COLLAPSE = 1e-5
 """... and less than this in any model is a collapse of the step size."""
 PATIENCE = 100_000
 

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bgdsl.backends.native.layout import factor_size
+from bgdsl.backends.tape import sparse_first
 from bgdsl.ir.program import Assign, Program
 
 if TYPE_CHECKING:
@@ -54,14 +55,20 @@ class Elimination:
 
 @dataclass(slots=True)
 class _Block:
-    """A solved block: its step, its first row and column, how many; the states that reach it; where its matrices are."""
+    """A solved block: its step, its first row and column, how many; the states that reach it; the order of its unknowns;
+    where its matrices are."""
 
     step: int
     first: int
     size: int
     columns: list[int]
+    ranks: Sequence[int] = ()
     matrix: int = 0
     slope: int = 0
+
+    def row(self, unknown: int) -> int:
+        """Where the slopes of an unknown (its column in the whole matrix) begin."""
+        return self.slope + self.ranks[unknown - self.first] * len(self.columns)
 
 
 def eliminate(program: Program) -> Elimination:
@@ -100,6 +107,8 @@ class _Planner:
 
     def find_columns(self) -> None:
         for b, block in enumerate(self.blocks):
+            own = [(i - block.first, j - block.first) for _, i, j in self.coupling[b] if self.owner.get(j) == b]
+            block.ranks = sparse_first(own, block.size)
             reached: set[int] = set()
             for _, _, j in self.coupling[b]:
                 if j < self.n:
@@ -131,7 +140,7 @@ class _Planner:
                 if j < self.n:
                     pairs += (e, block.slope + row * len(block.columns) + bisect_left(block.columns, j))
                 elif self.owner[j] == self.owner[i]:
-                    pairs += (e, block.matrix + row * block.size + j - block.first)
+                    pairs += (e, block.matrix + row * block.size + block.ranks[j - block.first])
         return [COPY, len(pairs) // 2, *pairs]
 
     def solve(self, b: int, block: _Block) -> list[int]:
@@ -145,7 +154,7 @@ class _Planner:
         return [*plan, SOLVE, block.size, block.matrix, len(block.columns), block.slope, block.step + 1]
 
     def subtract(self, e: int, block: _Block, j: int, targets: Sequence[int]) -> list[int]:
-        return [SUBTRACT, e, block.slope + (j - block.first) * len(block.columns), len(targets), *targets]
+        return [SUBTRACT, e, block.row(j), len(targets), *targets]
 
 
 def _blocks(program: Program) -> list[_Block]:

@@ -114,15 +114,22 @@ def _name(raw: RawBond, instance: Instance, chain: ast.BondChain, made: str) -> 
     if raw.name and name in instance.cls.members:
         other = instance.cls.members[name].span
         raise Fault(BOND_NAME, f"`{name}` is a component of this model", chain.span, "used for a bond", others=[(other, "declared here")])
-    if name in instance.bonds:
-        old = instance.bonds[name]
-        if raw.name and old.origin.span is not raw.origin.span and not old.origin.span == raw.origin.span:
-            raise Fault(BOND_NAME, f"two bonds are named `{name}`", chain.span, "again here", others=[(old.origin.span, "first here")])
-    count = 1
-    unique = name
-    while unique in instance.bonds or (not raw.name and unique in instance.cls.members):
-        count = max(count, instance.counts.get(name, 1)) + 1
-        unique = f"{name}_{count}"
+    raw.named = bool(raw.name)
+    old = instance.bonds.get(name)
+    if raw.named and old is not None and not old.named:
+        _rename(old, name, instance)
+    elif raw.named and old is not None and old.origin.span != raw.origin.span:
+        raise Fault(BOND_NAME, f"two bonds are named `{name}`", chain.span, "again here", others=[(old.origin.span, "first here")])
+    _rename(raw, name, instance)
+
+
+def _rename(raw: RawBond, name: str, instance: Instance) -> None:
+    """Give the bond this name, or the next one with a number that is free; a name that was written goes before one that was made."""
+    taken = instance.bonds.pop(name, None) if instance.bonds.get(name) is raw else None
+    unique, count = name, instance.counts.get(name, 1)
+    while taken is not None or unique in instance.bonds or (not raw.named and unique in instance.cls.members):
+        count += 1
+        unique, taken = f"{name}_{count}", None
         instance.counts[name] = count
     instance.bonds[unique] = raw
     raw.name = instance.child(unique)

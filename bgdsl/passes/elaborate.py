@@ -281,12 +281,12 @@ def _reference(node: ast.Reference, context: Context) -> Value:
 def _enclosing_constant(node: ast.Reference, context: Context) -> Value | None:
     """A constant of a class around this one; classes see those of the classes that they are written in."""
     scope = context.scope.outer
-    while scope is not None:
-        for model in (made for made in context.build.names.classes.values() if made is not None and made.scope is scope):
-            member = model.members.get(node.parts[0].name)
-            if member is not None and "constant" in member.prefixes and member.declarator.value is not None and len(node.parts) == 1:
-                inner = Context(context.build, None, scope)
-                return select(evaluate(member.declarator.value, inner), node.parts[0].subscripts, node.span, context)
+    while scope is not None and len(node.parts) == 1:
+        around = context.build.names.bodies.get(id(scope))
+        member = around.members.get(node.parts[0].name) if around is not None else None
+        if member is not None and "constant" in member.prefixes and member.declarator.value is not None:
+            value = evaluate(member.declarator.value, Context(context.build, None, scope))
+            return select(value, node.parts[0].subscripts, node.span, context)
         scope = scope.outer
     return None
 

@@ -171,6 +171,7 @@ class Names:
     library: Library
     report: Reporter
     classes: dict[int, Class | None] = field(default_factory=dict)
+    bodies: dict[int, Class] = field(default_factory=dict)
     building: list[ast.Model] = field(default_factory=list)
     files: dict[str, Scope] = field(default_factory=dict)
     tables: dict[int, tuple[object, dict[str, Modification]]] = field(default_factory=dict)
@@ -281,6 +282,7 @@ class Names:
         made = self._build(node, resolved.scope)
         self.building.pop()
         self.classes[id(node)] = made
+        self.bodies[id(made.scope)] = made
         return made
 
     def _build(self, node: ast.Model, outer: Scope) -> Class:

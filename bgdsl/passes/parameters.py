@@ -62,10 +62,10 @@ def evaluate_parameter(build: Build, part: ParameterPart) -> None:
         _bind(build, part)
         part.state = "done"
     except Fault as fault:
-        part.state = "failed"
+        part.state, part.values = "failed", None
         build.fault(fault, part.origin.path)
     except Reported:
-        part.state = "failed"
+        part.state, part.values = "failed", None
 
 
 def _bind(build: Build, part: ParameterPart) -> None:
@@ -378,6 +378,9 @@ def _check_bounds(build: Build, part: ParameterPart) -> None:
         for name, bound in zip(scalar_names(part.name, part.shape), bounds, strict=True):
             try:
                 limit = build.number(bound, part.origin.span, structural=False)
+            except Fault as fault:
+                build.fault(fault, part.origin.path)
+                continue
             except Reported:
                 continue
             value = build.numbers.get(name)

@@ -183,6 +183,7 @@ class RawBond:
     head: EndPoint
     stroke: Any
     origin: Origin
+    named: bool = False
     flat: dict[int, tuple[str, int | None]] = field(default_factory=dict)
 
 

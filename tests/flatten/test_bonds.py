@@ -150,3 +150,11 @@ end Top;"""
     assert [(p.name, p.domain, p.inward) for p in q1.ports] == [("b", "Electrical", True), ("c", "Electrical", True)]
     assert len(q1.laws) == 2
     assert [s.name for s in graph.signals] == ["q1.heat"]
+
+
+def test_a_written_name_goes_before_a_made_one(seen) -> None:
+    head = "model M\n J1 i; J0 n; I w(I = 1); Se s(e = 1); R r(R = 1);\nequation\n s -> i; i -> w;"
+    for lines in ("i -> n; i_n: n -> r;", "i_n: n -> r; i -> n;"):
+        got = seen(f"{head} {lines}\nend M;")
+        assert got.bonds["i_n"] == ("n", "r")
+        assert got.bonds["i_n_2"] == ("i", "n")

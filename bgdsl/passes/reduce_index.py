@@ -16,9 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import ONE, ZERO, Expr, add, partials, topological, var
+from bgdsl.ir.elements import KINDS
+from bgdsl.ir.graph import Element
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name, incidence
 from bgdsl.passes.matching import FREE, Matching, match, underdetermined
 
@@ -28,18 +31,66 @@ HIGH_INDEX = Code("BG504", "the equations constrain the states too deeply")
 
 def reduce_index(system: EquationSystem, report: Reporter) -> EquationSystem:
     """The system with its dependent storages and constraints differentiated; itself if there are none."""
+    first: list[Equation] = []
+    tried = system
+    while True:
+        settled, deep = _reduced(tried, report)
+        if not deep and not (first and _is_singular(settled)):
+            return settled
+        first = first or deep
+        restored = _restored(tried, deep) if deep else None
+        if restored is None:
+            _report_high_index(first, report)
+        tried = restored
+
+
+def _reduced(system: EquationSystem, report: Reporter) -> tuple[EquationSystem, list[Equation]]:
+    """The system reduced; or equations that would have to be differentiated a second time."""
     unknowns = set(system.unknowns)
     wanted = {derivative_name(v): v for v in system.unknowns if derivative_name(v) in unknowns}
     if not wanted:
         return _settle(system, (), set(), report)
     structure = _Structure.of(system, wanted)
     cone = structure.cone(structure.rows_of(wanted.values()))
-    followed = _promote(_differentiated(system, structure, cone, set(wanted), report, hidden=()))
+    deep = [system.equations[i] for i in cone if _reads_any(system.equations[i], wanted)]
+    if deep:
+        return system, deep
+    followed = _promote(_differentiated(system, structure, cone, report, hidden=()))
     rates = set(wanted) | set(followed.unknowns) - unknowns
     return _settle(followed, [system.equations[i] for i in cone], rates, report)
 
 
-def _settle(system: EquationSystem, done: Iterable[Equation], rates: set[str], report: Reporter) -> EquationSystem:
+def _restored(system: EquationSystem, deep: Iterable[Equation]) -> EquationSystem | None:
+    """Give the dependent storages whose derivatives the deep equations read their states back: their laws become open equations, so
+    that a part whose modulus may vanish is divided by after all, in a block that is solved when it runs. None if there are none."""
+    names = {name for name in system.dependent if any(_reads_any(e, (derivative_name(name),)) for e in deep)}
+    if not names:
+        return None
+    elements = {state: element for element in system.graph.elements for state in element.states}
+    states = tuple(_state_of(elements[name], name, system.dependent[name]) for name in system.dependent if name in names)
+    rates = {derivative_name(name) for name in names}
+
+    def turned(e: Equation) -> Equation:
+        if e.right.op == "var" and e.right.data in rates:
+            return Equation(e.right, e.left, e.right.data, e.element, e.origin)
+        return replace(e, assigned=None) if e.assigned in names else e
+
+    return replace(
+        system,
+        states=(*system.states, *states),
+        unknowns=tuple(v for v in system.unknowns if v not in names),
+        equations=tuple(map(turned, system.equations)),
+        dependent={name: start for name, start in system.dependent.items() if name not in names},
+    )
+
+
+def _state_of(element: Element, name: str, start: Expr | None) -> State:
+    kind = KINDS[element.kind].state
+    assert kind is not None
+    return State(name, start if start is not None else ZERO, "", element.comment, element.origin, kind, start is not None)
+
+
+def _settle(system: EquationSystem, done: Iterable[Equation], rates: set[str], report: Reporter) -> tuple[EquationSystem, list[Equation]]:
     """Put the derivative in the place of each equation that no unknown is left for; the equation becomes an invariant.
 
     done: equations that have their derivatives in the system; rates: the unknowns that these brought: what reads one is not
@@ -48,10 +99,11 @@ def _settle(system: EquationSystem, done: Iterable[Equation], rates: set[str], r
     structure = _Structure.of(system, ())
     hidden = structure.matching.unmatched_rows
     if not hidden:
-        return system
+        return system, []
     known = {id(equation) for equation in done}
     cone = [i for i in structure.cone(hidden) if id(system.equations[i]) not in known]
-    return _differentiated(system, structure, cone, rates, report, hidden)
+    deep = [system.equations[i] for i in cone if _reads_any(system.equations[i], rates)]
+    return (system, deep) if deep else (_differentiated(system, structure, cone, report, hidden), [])
 
 
 def _promote(system: EquationSystem) -> EquationSystem:
@@ -110,13 +162,9 @@ class _Structure:
 
 
 def _differentiated(
-    system: EquationSystem, structure: _Structure, cone: list[int], rates: set[str], report: Reporter, hidden: Iterable[int]
+    system: EquationSystem, structure: _Structure, cone: list[int], report: Reporter, hidden: Iterable[int]
 ) -> EquationSystem:
     """The system with the derivatives of the rows of the cone beside (or, for hidden ones, in place of) them."""
-    deep = [i for i in cone if _reads_any(system.equations[i], rates)]
-    if deep:
-        _report_high_index(system, deep, report)
-        report.stop_if_errors()
     names = structure.read_by(cone)
     derived = _differentiate(system, [system.equations[i] for i in cone], names, report)
     report.stop_if_errors()
@@ -128,6 +176,11 @@ def _differentiated(
         equations=(*(e for i, e in enumerate(system.equations) if i not in gone), *derived),
         invariants=tuple(system.equations[i] for i in cone if i in gone),
     )
+
+
+def _is_singular(system: EquationSystem) -> bool:
+    matching = _Structure.of(system, ()).matching
+    return bool(matching.unmatched_rows or matching.unmatched_columns)
 
 
 def _reads_any(equation: Equation, names: Container[str]) -> bool:
@@ -193,13 +246,13 @@ def _report_input(system: EquationSystem, equation: Equation, name: str, report:
     )
 
 
-def _report_high_index(system: EquationSystem, deep: list[int], report: Reporter) -> None:
-    first = system.equations[deep[0]]
-    report.add(
+def _report_high_index(deep: list[Equation], report: Reporter) -> NoReturn:
+    first = deep[0]
+    report.fail(
         HIGH_INDEX,
         f"`{first.element}` would have to be differentiated twice",
         first.origin.span,
         "its derivative depends on the derivative of a dependent storage",
-        others=[(system.equations[i].origin.span, f"so does that of `{system.equations[i].element}`") for i in deep[1:5]],
+        others=[(e.origin.span, f"so does that of `{e.element}`") for e in deep[1:5]],
         helps=["put a compliance or a resistance between the parts, so that their states are independent"],
     )

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.library import Library
@@ -19,7 +21,9 @@ from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
 from bgdsl.reductions.cuts import PortBonds, Writer, write_cuts, write_removal
+from bgdsl.reductions.determined import gone_elements
 from bgdsl.reductions.documents import document
+from bgdsl.reductions.flat_text import everything, flat_text
 from bgdsl.reductions.plan import Plan, plan
 from bgdsl.reductions.source_map import SourceMap, UnwritableError
 from bgdsl.reductions.specialise import specialise
@@ -67,12 +71,41 @@ def rewrite(
     *,
     folder: Path | None = None,
     more: tuple[Edit, ...] = (),
+    changed: Mapping[str, float] | None = None,
+    form: Literal["auto", "kept", "flat"] = "auto",
 ) -> tuple[Rewrite, Decision]:
     """The new text, and the decision as it was written: less the terms whose change cannot be written.
 
-    folder: where the file goes, if not beside the model; more: further edits of the main file. UnwritableError if the file
-    cannot be put together at all.
+    folder: where the file goes, if not beside the model; more: further edits of the main file. form: `kept` keeps the classes, and
+    takes back the terms that cannot be written so; `flat` writes one flat model; `auto` is flat where `kept` would have to take terms
+    back. UnwritableError if the file cannot be put together at all.
     """
+    if plan(scalar, decision).empty and not more and not changed:
+        return Rewrite(library.main.source.text), decision
+    if form == "flat":
+        return _flat(scalar, report, decision, provenance, folder, changed or {}, {}), decision
+    try:
+        result, settled = _kept(library, scalar, report, decision, provenance, folder, more)
+    except UnwritableError as problem:
+        if form == "kept":
+            raise
+        return _flat(scalar, report, decision, provenance, folder, changed or {}, {-1: problem.reason}), decision
+    if form == "auto" and result.taken_back:
+        with suppress(UnwritableError):
+            return _flat(scalar, report, decision, provenance, folder, changed or {}, result.taken_back), decision
+    return result, settled
+
+
+def _kept(
+    library: Library,
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    decision: Decision,
+    provenance: Provenance,
+    folder: Path | None,
+    more: tuple[Edit, ...],
+) -> tuple[Rewrite, Decision]:
+    """The model in its own classes; terms that cannot be written so are taken back, one problem after the other."""
     taken_back: dict[int, str] = {}
     while True:
         task = plan(scalar, decision)
@@ -86,6 +119,22 @@ def rewrite(
                 raise
             taken_back.update((t, problem.reason) for t in back)
             decision = settle(scalar, decision.without(back))
+
+
+def _flat(
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    decision: Decision,
+    provenance: Provenance,
+    folder: Path | None,
+    changed: Mapping[str, float],
+    reasons: Mapping[int, str],
+) -> Rewrite:
+    comments = term_comments(scalar, report)
+    part = replace(everything(scalar, decision.dropped, gone_elements(scalar, decision)), changed=changed)
+    text, _ = flat_text(scalar, part, provenance.annotation(), comments, folder=folder)
+    changes = tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(decision.dropped))
+    return Rewrite(text, changes, flat=True, reasons=tuple(dict.fromkeys(reasons.values())))
 
 
 def _written(

@@ -25,6 +25,7 @@ class Addresses:
 
     def keep(self, array: Any) -> int:
         """The address of an array's data."""
+        assert array.flags["C_CONTIGUOUS"]
         self._kept.append(array)
         return int(array.ctypes.data)
 

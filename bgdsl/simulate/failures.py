@@ -51,8 +51,15 @@ def stop(
     raise RunError([Diagnostic(code, message, Label(origin.span, label), (), notes, helps)], time)
 
 
-def explain(model: CompiledModel, error: IntegrationError, inputs: InputSignals, parameters: Mapping[str, float]) -> NoReturn:
-    """Find out what went wrong at the place where the integrator stopped, or just beyond it, and raise it as a `RunError`."""
+def explain(model: CompiledModel, error: IntegrationError, inputs: InputSignals, parameters: Mapping[str, float]) -> RunError:
+    """What went wrong at the place where the integrator stopped, or just beyond it."""
+    try:
+        _explain(model, error, inputs, parameters)
+    except RunError as found:
+        return found
+
+
+def _explain(model: CompiledModel, error: IntegrationError, inputs: InputSignals, parameters: Mapping[str, float]) -> NoReturn:
     import numpy as np
 
     slopes = np.full(len(model.program.states), np.nan)

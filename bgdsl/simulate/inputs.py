@@ -30,11 +30,10 @@ class InputSignals:
     """
 
     def __init__(self, breaks: Floats, coefficients: Floats):
-        self.breaks = breaks
-        self.coefficients = coefficients
-        self._index = 0
         import numpy as np
 
+        self.breaks = np.ascontiguousarray(breaks)
+        self.coefficients = np.ascontiguousarray(coefficients)
         self._none = np.zeros(0)
         self._np = np
 
@@ -116,7 +115,7 @@ def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start
         )
     boundary = "not-a-knot" if len(time) > 3 else "natural"
     spline = CubicSpline(time, values, bc_type=boundary)
-    return InputSignals(time, np.ascontiguousarray(spline.c.transpose(1, 0, 2)))
+    return InputSignals(time, spline.c.transpose(1, 0, 2))
 
 
 def read_columns(path: Path, report: Reporter) -> dict[str, Any]:

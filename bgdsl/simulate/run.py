@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bgdsl.diagnostics import Reporter
+from bgdsl.diagnostics import Reporter, RunError
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.trajectory import Statistics, Status, Trajectory
 from bgdsl.simulate.columns import find_columns, output_columns
@@ -77,8 +77,9 @@ def simulate(
     try:
         journey.travel(x0)
         status = "complete"
-    except IntegrationError as error:
-        explain(model, error, inputs, options.parameters)
+    except (IntegrationError, RunError) as error:
+        failure = error if isinstance(error, RunError) else explain(model, error, inputs, options.parameters)
+        raise (failure if output is None else _with_note(failure, f"the rows up to there are in {output}, marked partial")) from None
     finally:
         recorder.flush()
         sink.close(status)
@@ -100,6 +101,11 @@ def simulate(
         digest=program.digest,
     )
     return Run(trajectory, model, inputs, output)
+
+
+def _with_note(error: RunError, note: str) -> RunError:
+    first, *others = error.diagnostics
+    return RunError([replace(first, notes=(*first.notes, note)), *others], error.time)
 
 
 class Journey:

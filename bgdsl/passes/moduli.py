@@ -6,6 +6,7 @@ sign is known where its declared range tells it. States, signals and time can ha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 from bgdsl.expr import Expr, evaluate, leaves, topological
@@ -90,7 +91,8 @@ class Moduli:
             case "param":
                 return self._parameter_signs(node.data)
             case "add":
-                return _sum(args)
+                low, high = self._sum_range(node)
+                return frozenset((1,)) if low > 0 else frozenset((-1,)) if high < 0 else _sum(args)
             case "mul" if node.args[0] is node.args[1]:
                 return _square(args[0])
             case "mul":
@@ -114,6 +116,28 @@ class Moduli:
                 return frozenset(pick(a, b) for a in args[0] for b in args[1])
             case _:
                 return ANY
+
+    def _sum_range(self, node: Expr) -> tuple[float, float]:
+        """Bounds of a sum as far as constants and functions of bounded range tell (`2 + cos(x)` lies from 1 to 3)."""
+        ranges = [self._range(arg) for arg in node.args]
+        return sum(low for low, _ in ranges), sum(high for _, high in ranges)
+
+    def _range(self, node: Expr) -> tuple[float, float]:
+        match node.op:
+            case "const":
+                return node.data, node.data
+            case "sin" | "cos" | "tanh":
+                return -1.0, 1.0
+            case "neg":
+                low, high = self._range(node.args[0])
+                return -high, -low
+            case "mul" if node.args[0].is_const:
+                low, high = self._range(node.args[1])
+                ends = (node.args[0].data * low, node.args[0].data * high)
+                return min(ends), max(ends)
+            case _:
+                signs = self._signs[node]
+                return (-math.inf if -1 in signs else 0.0), (math.inf if 1 in signs else 0.0)
 
     def _parameter_signs(self, name: str) -> Signs:
         value = self.default(name)

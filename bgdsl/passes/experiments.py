@@ -31,6 +31,7 @@ from bgdsl.passes.parts import (
     Instance,
     ParameterPart,
     Reported,
+    SignalPart,
     entries,
     shape_of,
     shown_shape,
@@ -187,6 +188,8 @@ def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple
             yield from _of_parameter(part, claims, span)
         case Absent() | Broken():
             raise Reported
+        case SignalPart() if any("start" in entry.nested for entry, _, _ in claims):
+            raise _initial(part.name, span, part.origin.span)
         case _:
             raise Fault(
                 NO_PARAMETER,
@@ -197,10 +200,23 @@ def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple
             )
 
 
+def _initial(name: str, span: Span, declared: Span) -> Fault:
+    return Fault(
+        NO_PARAMETER,
+        f"the initial value of `{name}` is no parameter",
+        span,
+        "cannot be changed by an experiment",
+        others=[(declared, "declared here")],
+        helps=("give it by a parameter, `start = x0`, and change that",),
+    )
+
+
 def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[tuple[str, Expr]]:
     for entry, author, index in reversed(claims):
         for name, inner in entry.nested.items():
             made = author.build.parameters.get(f"{part.name}.{name}")
+            if made is None and "start" in inner.nested:
+                raise _initial(part.name, inner.span, part.member.span)
             if made is None:
                 given = ", ".join(f"`{known}`" for known in part.parameters) or "a law"
                 raise Fault(

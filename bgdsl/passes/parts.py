@@ -290,6 +290,7 @@ class Build:
     reported: set[tuple[Any, ...]] = field(default_factory=set)
     checked: dict[int, Any] = field(default_factory=dict)
     nodes: dict[str, Any] = field(default_factory=dict)
+    circular: set[str] = field(default_factory=set)
     renamed: bool = False
     part: bool = False
 
@@ -353,6 +354,8 @@ class Build:
             if top in self.numbers:
                 stack.pop()
                 continue
+            if top in self.circular:
+                raise Reported
             part, position = self.parameter_of(top)
             self.evaluate_parameter(part)
             if part.values is None:
@@ -387,6 +390,7 @@ class Build:
 
 def circle_fault(build: Build, circle: Sequence[str]) -> Fault:
     """The finding that these parameters depend on each other, each on the next."""
+    build.circular.update(circle)
     parts = [build.parameter_of(name)[0] for name in circle]
     chain = " -> ".join(f"`{name}`" for name in (*circle, circle[0]))
     return Fault(

@@ -261,6 +261,8 @@ def make_field(instance: Instance, lines: Lines) -> Element:
     ports = tuple(Port(_local(part, instance), part.size, not part.out, part.domain) for part in ports_of(instance))
     laws = tuple(lines.laws.get(instance.path, ()))
     wanted = sum(port.width for port in ports)
+    if len(laws) != wanted and instance.build.report.errors:
+        raise Reported  # perhaps one of those that failed
     if len(laws) != wanted:
         raise Fault(
             EQUATIONS_OF_ELEMENT,

@@ -56,7 +56,7 @@ def blocks(number: str) -> list[str]:
     return re.findall(r"^```bg\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
 
 
-ABOUT_FILES = {"BG108", "BG216"}  # said of a file that cannot be read, and where a command needs a model and the file has none
+ABOUT_FILES = {"BG108"}  # said of a file that cannot be read, and where a command needs a model and the file has none
 
 
 @pytest.mark.parametrize("number", sorted(number for number in titles() if number < "BG6" and number not in ABOUT_FILES))

@@ -146,4 +146,4 @@ def test_debug_shows_the_traceback(bgc: Callable[..., Result]) -> None:
 def test_a_file_without_a_model_can_be_checked_but_not_compiled(bgc: Callable[..., Result]) -> None:
     Path("functions.bg").write_text("function twice(x) = 2*x;\n")
     assert bgc("check", "functions.bg").status == 0
-    assert "BG216" in bgc("compile", "functions.bg").err
+    assert "BG609" in bgc("compile", "functions.bg").err

@@ -384,7 +384,7 @@ class _Scap:
                     queue.append(before)
         if place.source is not None and place.term is not None:
             found = {place.term: -1, **found}
-        ways = [self.way(parents, source, node) for source, node in list(found.items())[:2]]
+        ways = [self.way(place, parents, source, node) for source, node in list(found.items())[:2]]
         sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], ways)
 
     def reads_multiplier(self, node: int, place: Constrained) -> bool:
@@ -415,7 +415,7 @@ class _Scap:
         terms = [t for t in self.scalar.terms_at[j] if t != present] if summed else [present] if present >= 0 else []
         return [t for t in terms if self.scalar.terms[t].other is None]
 
-    def way(self, parents: dict[int, int], source: int, node: int) -> list[int]:
+    def way(self, place: Constrained, parents: dict[int, int], source: int, node: int) -> list[int]:
         """The terms from a constrained junction to a source that it depends on."""
         way = [source]
         while node >= 0 and (before := parents[node]) >= 0:
@@ -424,6 +424,8 @@ class _Scap:
             link = (t for t in self.scalar.terms_at[here] if self.state.other[t] >= 0 and self.state.junction[self.state.other[t]] == there)
             way += [t for t in (next(link, None),) if t is not None]
             node = before
+        if place.term is not None and node >= 0 and node // 2 != place.junction:
+            way.append(place.term)
         return way[::-1]
 
     # ----------------------------------------------------------------------------------------------------- explanations

@@ -24,8 +24,23 @@ def moduli() -> Moduli:
 
 @pytest.mark.parametrize(
     "expression",
-    [one, two, const(-3.0), one * two, unary("exp", x), x * x + 1.0, 2.0 + unary("cos", x), one * unary("exp", TIME), 1.0 / two, -one]
-    + [unary("cosh", x), unary("abs", x) + 0.5, x ** const(2.0) + 1e-6, unary("sqrt", x * x + 4.0), one - 3.0],
+    [
+        one,
+        two,
+        const(-3.0),
+        one * two,
+        unary("exp", x),
+        x * x + 1.0,
+        2.0 + unary("cos", x),
+        one * unary("exp", TIME),
+        1.0 / two,
+        -one,
+        unary("cosh", x),
+        unary("abs", x) + 0.5,
+        x ** const(2.0) + 1e-06,
+        unary("sqrt", x * x + 4.0),
+        one - 3.0,
+    ],
     ids=repr,
 )
 def test_never_vanishes(moduli: Moduli, expression: Expr) -> None:
@@ -34,8 +49,22 @@ def test_never_vanishes(moduli: Moduli, expression: Expr) -> None:
 
 @pytest.mark.parametrize(
     "expression",
-    [zero, sum_of, x, unary("cos", x), one * unary("sin", x), x * x, 1.0 + unary("cos", x), one + unary("cos", x), TIME, x + y]
-    + [unary("exp", x) - 1.0, one - one * 1.0, two - 2.0, param("unknown")],
+    [
+        zero,
+        sum_of,
+        x,
+        unary("cos", x),
+        one * unary("sin", x),
+        x * x,
+        1.0 + unary("cos", x),
+        one + unary("cos", x),
+        TIME,
+        x + y,
+        unary("exp", x) - 1.0,
+        one - one * 1.0,
+        two - 2.0,
+        param("unknown"),
+    ],
     ids=repr,
 )
 def test_may_vanish(moduli: Moduli, expression: Expr) -> None:

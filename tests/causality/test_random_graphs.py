@@ -139,7 +139,7 @@ def all_assignments(scalar: ScalarGraph) -> list[set[str]]:
             if other is not None:
                 value[other] = value[t] if alike[t] else 1 - value[t]
         if all(sum(value[t] for t in at) == 1 for at in scalar.terms_at):
-            found.append({name for name in _dependent(scalar, value)})
+            found.append(set(_dependent(scalar, value)))
     return found
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bgdsl.expr import Expr, Table, topological, var
+from bgdsl.expr import FUNCTIONS, Expr, Table, topological, var
 from bgdsl.ir.program import Assign, SolveLinear, SolveNewton, Step, read
 
 PARAMETRIC = 1
@@ -132,21 +132,37 @@ class _Builder:
         self.ranks: dict[int, Sequence[int]] = {}
 
     def visit(self, root: Expr) -> None:
+        """Place what the root needs, then the root. The plain case is written out here: this loop sees every node there is."""
         ids = self.ids
+        ops, all_args, data, levels, order = self.tape.ops, self.tape.args, self.tape.data, self.tape.levels, self.tape.order
         stack = [root]
         while stack:
             node = stack[-1]
             if node in ids:
                 stack.pop()
                 continue
-            wanted = self.operands(node)
+            is_plain = node.op in _PLAIN
+            wanted = node.args if is_plain else self.operands(node)
             missing = [child for child in wanted if child not in ids]
             if missing:
                 missing.reverse()
                 stack += missing
                 continue
             stack.pop()
-            ids[node] = self.place(node, wanted)
+            if not is_plain:
+                ids[node] = self.place(node, wanted)
+                continue
+            args = tuple([ids[child] for child in wanted])
+            ids[node] = len(ops)
+            order.append(len(ops))
+            ops.append(node.op)
+            all_args.append(args)
+            data.append(node.data)
+            level = PARAMETRIC
+            for arg in args:
+                if levels[arg] == VARYING:
+                    level = VARYING
+            levels.append(level)
 
     def operands(self, node: Expr) -> Sequence[Expr]:
         return self.read_by(node.data) if node.op == "var" else operands(node)
@@ -299,6 +315,9 @@ class _Chained(dict[Expr, int]):
     def __missing__(self, key: Expr) -> int:
         return self.outer[key]
 
+
+_PLAIN = frozenset(("const", "mul", "div", "neg", "if", "table", *RELATIONS, *FUNCTIONS))
+"""Operations that are listed as they are."""
 
 _POWERS: Mapping[float, tuple[str, ...]] = {
     2.0: ("square",),

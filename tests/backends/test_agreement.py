@@ -42,7 +42,7 @@ def close(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-12) -> bool:
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     finite = np.isfinite(a) & np.isfinite(b)
     scale = max(1.0, np.abs(a[finite]).max(initial=0.0))
-    return bool((np.isnan(a) == np.isnan(b)).all() and (np.abs(a - b)[finite] <= tolerance * scale).all())
+    return bool((np.isnan(a) == np.isnan(b)).all() and (np.abs(a[finite] - b[finite]) <= tolerance * scale).all())
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))

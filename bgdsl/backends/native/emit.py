@@ -250,6 +250,8 @@ class _Lines:
     def __init__(self, owner: _Emitter) -> None:
         self.owner = owner
         self.tape = owner.tape
+        self.work = owner.work
+        self.stores = owner.layout.stores
         self.lines: list[str] = []
         self.last = -1
         self.known: dict[int, str] = {}
@@ -308,24 +310,26 @@ class _Lines:
         return found
 
     def operation(self, k: int) -> None:
-        tape = self.tape
-        op, args = tape.ops[k], tape.args[k]
-        if op in RELATIONS:
-            self.flags[k] = self.relation(op, args)
+        """The lines that compute operation k, and those that store it where others look for it."""
+        op, args = self.tape.ops[k], self.tape.args[k]
+        known = self.known
+        if op == "mul":
+            a, b = args
+            known[k] = self.line(f"fmul contract double {known.get(a) or self.value(a)}, {known.get(b) or self.value(b)}")
         elif op == "sum":
-            self.known[k] = self.sum(args, tape.data[k])
-        elif op == "mul":
-            self.known[k] = self.line(f"fmul contract double {self.value(args[0])}, {self.value(args[1])}")
+            known[k] = self.sum(args, self.tape.data[k])
+        elif op in RELATIONS:
+            self.flags[k] = self.relation(op, args)
         else:
-            self.known[k] = _OTHERS.get(op, _Lines.call)(self, k, args)
-        owner = self.owner
-        if k in owner.work:
-            self.store(self.value(k), ("w", owner.work[k]))
-        for place in owner.layout.stores.get(k, ()):
-            self.store(self.value(k), place)
+            known[k] = _OTHERS.get(op, _Lines.call)(self, k, args)
+        if k in self.work:
+            self.store(self.value(k), ("w", self.work[k]))
+        if k in self.stores:
+            for place in self.stores[k]:
+                self.store(self.value(k), place)
 
     def sum(self, args: Sequence[int], negative: Sequence[bool]) -> str:
-        value = self.value
+        known, value = self.known, self.value
         first = value(args[0])
         if negative[0]:
             if not negative[1]:
@@ -334,7 +338,7 @@ class _Lines:
             else:
                 first = self.line(f"fneg double {first}")
         for arg, minus in zip(args[1:], negative[1:], strict=True):
-            first = self.line(f"{'fsub' if minus else 'fadd'} contract double {first}, {value(arg)}")
+            first = self.line(f"{'fsub' if minus else 'fadd'} contract double {first}, {known.get(arg) or value(arg)}")
         return first
 
     def relation(self, op: str, args: Sequence[int]) -> str:

@@ -47,7 +47,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         digest=_digest(graph),
         parameters=_in_order(graph.parameters),
         tables=graph.tables,
-        states=tuple(Record(s.name, s.unit, s.comment) for s in system.states),
+        states=tuple(Record(s.name, s.unit or graph.units.get(s.name, ""), s.comment) for s in system.states),
         starts=_starts(sorted_system),
         inputs=tuple(_inputs(graph)),
         steps=tuple(steps),

@@ -20,7 +20,7 @@ from fractions import Fraction
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import Expr, leaves, param, to_text
 from bgdsl.ir.change import changed
-from bgdsl.ir.dimensions import JOULE, NUMBER, SECOND, Unit, UnitError, agree, over, parse_unit, power, spell, times
+from bgdsl.ir.dimensions import JOULE, NUMBER, SECOND, SI, Unit, UnitError, agree, over, parse_unit, power, spell, times
 from bgdsl.ir.domains import DOMAINS, Domain
 from bgdsl.ir.elements import KINDS
 from bgdsl.ir.graph import BondGraph, Element, Law, Origin, Parameter, SignalEquation
@@ -47,9 +47,9 @@ _ROUNDS = 4
 
 def check_units(graph: BondGraph, report: Reporter) -> BondGraph:
     """The graph with inferred units; disagreements are reported. A graph that declares no unit is returned as it is."""
-    if not any(p.unit for p in graph.parameters) and not any(s.unit for s in graph.signals):
-        return graph
-    return _Check(graph, report).run()
+    if any(p.unit for p in graph.parameters) or any(s.unit for s in graph.signals):
+        return _Check(graph, report).run()
+    return graph
 
 
 @dataclass(slots=True)
@@ -342,9 +342,10 @@ class _Check:
             self._unit(check.condition, check.origin)
         for parameter in self.graph.parameters:
             if parameter.unit:
+                unit = self._parsed(parameter.unit, parameter.origin)
                 for value in (*parameter.values, *(parameter.low or ()), *(parameter.high or ())):
                     if not value.is_const:
-                        self._bind(parameter.name, self._parsed(parameter.unit, parameter.origin), value, parameter.origin)
+                        self._bind(parameter.name, unit, value, parameter.origin)
         for experiment in self.graph.experiments:
             for name, value in experiment.changes.items():
                 if not value.is_const:
@@ -486,11 +487,7 @@ class _Check:
         for relation in relations:
             if relation.value.op == "param" and (known := self.slots.ratio(relation.one, relation.other)) is not None:
                 wanted[relation.value.data] = over(known, _seconds(relation.seconds))
-        states: dict[str, str] = {}
-        for element in self.graph.elements:
-            for name in element.states:
-                if (at := self._variable(name)) is not None and (unit := self.slots.unit(at[0])) is not None:
-                    states[name] = spell(times(unit, _seconds(at[1])))
+        states = {name: unit for element in self.graph.elements for name in element.states if (unit := self._state(name))}
         return replace(
             self.graph,
             parameters=tuple(self._with_unit(parameter, wanted) for parameter in self.graph.parameters),
@@ -499,6 +496,23 @@ class _Check:
             ),
             units=states,
         )
+
+    def _state(self, name: str) -> str:
+        """The unit of a storage's state. Where only effort over flow is known around it, their product is taken for power; that
+        is good enough to show, and nothing is checked with it."""
+        at = self._variable(name)
+        if at is None:
+            return ""
+        slot, seconds = at
+        unit = self.slots.unit(slot)
+        other = 1 + (slot - 1 ^ 1)
+        if unit is None and (ratio := self.slots.ratio(slot, other)) is not None:
+            square = times(ratio, SI["W"])
+            unit = power(square, Fraction(1, 2)) if not any(x.numerator % 2 for x in square.exponents) else None
+        if unit is None:
+            return ""
+        text = spell(times(unit, _seconds(seconds)))
+        return "J" if text == "N.m" and slot % 2 == 0 else text  # a displacement that is an energy is heat, no torque
 
     def _with_unit(self, parameter: Parameter, wanted: Mapping[str, Unit]) -> Parameter:
         if parameter.unit:

@@ -114,6 +114,8 @@ _TOKEN = re.compile(r"\s*(?:(?P<symbol>[^\W\d]+|%|°C)(?:(?:\^|\*\*)?(?P<exponen
 @cache
 def parse_unit(text: str) -> Unit:
     """The unit that the text names. UnitError if it names none."""
+    if text.strip() == "-":  # as data sheets write it
+        return NUMBER
     tokens = _tokens(text)
     position = 0
 

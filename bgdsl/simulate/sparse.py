@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.simulate.kernels.lu import Factors
@@ -24,19 +25,18 @@ class SparseLU:
 
     def __init__(self, pointers: Ints, rows: Ints, matrix_values: tuple[Floats, float] | None = None):
         import numpy as np
-        from scipy.sparse import csc_matrix
 
-        n = len(pointers) - 1
+        n, entries = len(pointers) - 1, len(rows)
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(pointers))
-        entries = len(rows)
-        numbers = csc_matrix((np.arange(1, entries + 1), rows, pointers), shape=(n, n))
-        pattern = (abs(numbers) + _identity(n)).tocsc()
-        pattern.data = np.ones(len(pattern.data))
-        row_order, column_order = _diagonal_order(pattern) if matrix_values is None else _pivoted_order(numbers, *matrix_values)
-        lower, upper = _fill(pattern[row_order][:, column_order].tocsc())
-        self._arrays: list[Any] = []
+        pattern = [{j, *rows[pointers[j] : pointers[j + 1]].tolist()} for j in range(n)]
+        if matrix_values is None:
+            row_order = column_order = np.array(minimum_degree(pattern), dtype=np.int32)
+        else:
+            row_order, column_order = _pivoted_order(pointers, rows, *matrix_values)
         inverse = np.empty(n, dtype=np.int32)
         inverse[row_order] = np.arange(n)
+        lower, upper = _fill([[int(inverse[row]) for row in pattern[j]] for j in column_order])
+        self._arrays: list[Any] = []
         starts, permuted_rows, sources = _permuted(columns, rows, inverse, column_order, n)
         record = Factors()
         record.n, record.entries = n, entries
@@ -69,58 +69,59 @@ class SparseLU:
         return int(array.ctypes.data)
 
 
-def _identity(n: int) -> Any:
-    from scipy.sparse import identity
+def minimum_degree(pattern: Sequence[set[int]]) -> list[int]:
+    """An order of elimination with little fill: always the vertex with the fewest neighbours in the graph of A + A', the first of
+    them where several are equal. Eliminating a vertex joins its neighbours. Nearly full graphs are left in their order from there on."""
+    import heapq
 
-    return identity(n, format="csc")
+    n = len(pattern)
+    near: list[set[int]] = [set() for _ in range(n)]
+    for j, rows in enumerate(pattern):
+        for i in rows:
+            if i != j:
+                near[i].add(j)
+                near[j].add(i)
+    heap = [(len(neighbours), i) for i, neighbours in enumerate(near)]
+    heapq.heapify(heap)
+    order: list[int] = []
+    done = [False] * n
+    while heap:
+        degree, i = heapq.heappop(heap)
+        if done[i] or degree != len(near[i]):
+            continue
+        if degree >= n - len(order) - 1:
+            break  # what is left is full: any order will do
+        done[i] = True
+        order.append(i)
+        neighbours = near[i]
+        for k in neighbours:
+            near[k] |= neighbours
+            near[k] -= {i, k}
+            heapq.heappush(heap, (len(near[k]), k))
+    order += [i for i in range(n) if not done[i]]
+    return order
 
 
-def _diagonal_order(pattern: Any) -> tuple[Any, Any]:
-    """A fill-reducing symmetric order (minimum degree on A + A')."""
-    order = _dominant_factors(pattern, "MMD_AT_PLUS_A").perm_c
-    import numpy as np
-
-    inverse = np.argsort(order)
-    return inverse, inverse
-
-
-def _pivoted_order(numbers: Any, values: Floats, gamma: float) -> tuple[Any, Any]:
+def _pivoted_order(pointers: Ints, rows: Ints, values: Floats, gamma: float) -> tuple[Any, Any]:
     """The rows and columns in the order of the pivots that SuperLU chooses for I - gamma J."""
     import numpy as np
+    from scipy.sparse import csc_matrix, identity
     from scipy.sparse.linalg import splu
 
-    matrix = numbers.astype(float)
-    matrix.data = -gamma * values
-    factors = splu((matrix + _identity(numbers.shape[0])).tocsc(), permc_spec="COLAMD")
+    n = len(pointers) - 1
+    matrix = identity(n, format="csc") - gamma * csc_matrix((values, rows, pointers), shape=(n, n))
+    factors = splu(matrix.tocsc(), permc_spec="COLAMD")
     return np.argsort(factors.perm_r), np.argsort(factors.perm_c)
 
 
-def _dominant_factors(pattern: Any, order: str) -> Any:
-    """SuperLU's factors of a matrix with this pattern whose diagonal needs no pivoting; its numbers do not cancel."""
-    import numpy as np
-    from scipy.sparse.linalg import splu
-
-    n = pattern.shape[0]
-    matrix = pattern.astype(float)
-    matrix.data = -(1.0 + np.random.default_rng(1).random(len(matrix.data)))
-    columns = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    diagonal = matrix.indices == columns
-    matrix.data[diagonal] = 4.0 * (np.diff(matrix.indptr).max(initial=1) + np.bincount(matrix.indices, minlength=n).max(initial=1))
-    options = {"SymmetricMode": order != "NATURAL", "Equil": False}
-    return splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, relax=1, panel_size=1, options=options)
-
-
-def _fill(permuted: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-    """The strict lower and upper patterns of L and U (pointers, rows ascending) when pivots stay on the diagonal."""
+def _fill(permuted: Sequence[list[int]]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """The strict lower and upper patterns of L and U (pointers, rows ascending) of a matrix given by columns, pivots on the diagonal."""
     import numpy as np
 
-    n = permuted.shape[0]
-    permuted = (permuted + _identity(n)).tocsc()
-    permuted.data = np.ones(len(permuted.data))
     starts_l, starts_u, rows_l, rows_u = [0], [0], [], []
     columns_of_l: list[Any] = []
-    for j in range(n):
-        above, below = _reach(permuted.indices[permuted.indptr[j] : permuted.indptr[j + 1]].tolist(), columns_of_l, j)
+    for j, rows in enumerate(permuted):
+        above, below = _reach(rows, columns_of_l, j)
         columns_of_l.append(below)
         rows_u += above
         rows_l += below
@@ -131,7 +132,7 @@ def _fill(permuted: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
 
 def _reach(start: list[int], columns_of_l: list[Any], j: int) -> tuple[list[int], list[int]]:
     """The rows of column j once the columns above have been subtracted: those above and those below the diagonal."""
-    found = set(start)
+    found = {*start, j}
     open_ = [row for row in start if row < j]
     while open_:
         for row in columns_of_l[open_.pop()]:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bgdsl.backends.native import build, cache
+from bgdsl import cache
+from bgdsl.backends.native import build
 from bgdsl.backends.native.elimination import eliminate
 from bgdsl.expr import ONE, ZERO, add, const, param, table, unary, var
 from bgdsl.ir.program import Assign, Program, SolveLinear

@@ -9,7 +9,7 @@ from functools import cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
-from bgdsl.backends.native import cache as disk
+from bgdsl import cache as disk
 from bgdsl.backends.native.runtime import runtime_text
 
 if TYPE_CHECKING:

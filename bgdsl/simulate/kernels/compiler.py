@@ -15,7 +15,11 @@ import inspect
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
+
+from bgdsl import cache
 
 real = float
 whole = int
@@ -124,21 +128,34 @@ def _returns(tree: ast.FunctionDef) -> str:
 def _compile(functions: Mapping[str, Callable[..., Any]]) -> Any:
     import llvmlite.binding as llvm
 
-    if hasattr(llvm, "initialize_native_target"):
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-    module = llvm.parse_assembly(ir_of(functions))
-    module.verify()
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    made = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), str(llvm.llvm_version_info), llvm.get_default_triple()
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2
+        cpu=made[0], features=made[1], opt=2, codemodel="jitdefault", jit=True
     )
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = True
-    builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
-    engine = llvm.create_mcjit_compiler(module, machine)
+    key = sha256("\n".join((*made, *_sources(functions))).encode()).hexdigest()
+    content = cache.recall(key)
+    if content is None:
+        module = llvm.parse_assembly(ir_of(functions))
+        module.verify()
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        options = llvm.create_pipeline_tuning_options(speed_level=2)
+        options.loop_vectorization = True
+        builder = llvm.create_pass_builder(machine, options)
+        builder.getModulePassManager().run(module, builder)
+        content = bytes(machine.emit_object(module))
+        cache.keep(key, content)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
     return engine
+
+
+def _sources(functions: Mapping[str, Callable[..., Any]]) -> list[str]:
+    """The text of everything that decides about the machine code: this compiler, and the modules of the kernels."""
+    files = {__file__, *(function.__code__.co_filename for function in functions.values())}
+    return [Path(file).read_text("utf-8") for file in sorted(files)]
 
 
 def ir_of(functions: Mapping[str, Callable[..., Any]]) -> str:

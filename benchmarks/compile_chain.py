@@ -6,7 +6,7 @@
 The N masses (m = 1, k = 100, b = 0.1) are fixed at one end; a force of 1 N acts on the free end. The same chain is compiled
 by rumoca from Modelica text, components and connectors alike. The disk cache is off. Printed are seconds, the ratio
 (rumoca's until its first shortest run, since only then is its model runnable; `load` is its compiler alone), the largest
-memory, and the exponent of growth between the first and the last size.
+memory, the exponent of growth between the first and the last size, and the cost of a nonlinear chain of 5,000 equations.
 """
 
 from __future__ import annotations
@@ -53,6 +53,16 @@ equation
   force -> tip;
 end Chain;
 """
+
+NONLINEAR = (
+    ("C spring(k = k);", "C spring(e = k*q*(1 + (q/q0)^2) + F0*sin(q/q0));"),
+    ("R damper(R = b);", "R damper(e = b*f*(1 + abs(f)/v0) + F0*tanh(f/v0));"),
+    (
+        "  port in",
+        '  constant Real q0(unit = "m") = 1;\n  constant Real v0(unit = "m/s") = 1;\n  constant Real F0(unit = "N") = 1;\n  port in',
+    ),
+)
+"""What makes the chain a nonlinear one: hardening springs, quadratic and dry friction."""
 
 MODELICA = """
 connector Flange
@@ -104,7 +114,15 @@ end Chain;
 """
 
 
-def ours(n: int) -> dict[str, float]:
+def source(n: int, *, nonlinear: bool = False) -> str:
+    """The chain as `.bg` text."""
+    text = BG.replace("{n}", str(n))
+    for old, new in NONLINEAR if nonlinear else ():
+        text = text.replace(old, new, 1)
+    return text
+
+
+def ours(n: int, *, nonlinear: bool = False) -> dict[str, float]:
     """Seconds of each stage, source text to native right side and Jacobian, run once."""
     import numpy as np
 
@@ -116,7 +134,7 @@ def ours(n: int) -> dict[str, float]:
     def mark(name: str) -> None:
         marks.append((name, time.perf_counter()))
 
-    model = bgdsl.pipeline.loads(BG.replace("{n}", str(n)), "Chain")
+    model = bgdsl.pipeline.loads(source(n, nonlinear=nonlinear), "Chain")
     mark("front")
     _ = model.causal
     mark("causality")
@@ -136,7 +154,7 @@ def ours(n: int) -> dict[str, float]:
     assert np.count_nonzero(out) == 1 and abs(out).max() == 1.0, "only the last mass is pushed"
     mark("native jacobian")
     stages = {name: end - start for (_, start), (name, end) in itertools.pairwise(marks)}
-    return {"seconds": marks[-1][1] - marks[0][1], "states": len(x), **stages}
+    return {"seconds": marks[-1][1] - marks[0][1], "states": len(x), "equations": program.sizes["equations"], **stages}
 
 
 def theirs(n: int) -> dict[str, float]:
@@ -163,9 +181,12 @@ def measured(which: str, n: int) -> dict[str, float]:
 
 
 def one(which: str, n: int) -> None:
-    found = ours(n) if which == "ours" else theirs(n)
+    found = theirs(n) if which == "theirs" else ours(n, nonlinear=which == "nonlinear")
     found["MiB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps(found))
+
+
+NOT_STAGES = ("seconds", "MiB", "states", "equations")
 
 
 def main() -> None:
@@ -200,12 +221,16 @@ def compare(sizes: list[int], limit: int) -> None:
         mine = measured("ours", n)
         other = measured("theirs", n) if n <= limit else {"seconds": math.nan, "load": math.nan}
         found.append((n, mine["seconds"]))
-        stages = ", ".join(f"{name} {value:.2f}" for name, value in mine.items() if name not in ("seconds", "MiB", "states"))
+        stages = ", ".join(f"{name} {value:.2f}" for name, value in mine.items() if name not in NOT_STAGES)
         ratio = other["seconds"] / mine["seconds"]
         print(
             f"{n:>6} {mine['seconds']:>9.2f} {other['seconds']:>9.2f} {ratio:>7.1f} {other['load']:>7.2f} {mine['MiB']:>6.0f}   {stages}",
             flush=True,
         )
+    n = 5000 * sizes[0] // max(1, round(measured("ours", sizes[0])["equations"]))
+    mine = measured("nonlinear", n)
+    stages = ", ".join(f"{name} {value:.2f}" for name, value in mine.items() if name not in NOT_STAGES)
+    print(f"nonlinear, {mine['equations']:.0f} equations: {mine['seconds']:.2f} s, {mine['MiB']:.0f} MiB   {stages}")
     (first, least), (last, most) = found[0], found[-1]
     if last > first:
         print(f"growth from {first} to {last}: exponent {math.log(most / least) / math.log(last / first):.2f}")

@@ -31,9 +31,9 @@ from bgdsl.ir.graph import (
     SignalEquation,
 )
 from bgdsl.ir.library import Library
-from bgdsl.passes import connect, laws, statements
-from bgdsl.passes.elaborate import RECURSIVE
+from bgdsl.passes import fuse, laws, statements
 from bgdsl.passes.experiments import make_experiments
+from bgdsl.passes.inline import RECURSIVE
 from bgdsl.passes.instantiate import expand, make_part
 from bgdsl.passes.names import Member, Names, Resolved, head
 from bgdsl.passes.parameters import evaluate_parameter, finish_parameters, table_value
@@ -192,11 +192,11 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     for instance in build.instances:
         statements.walk(instance, lines)
     if not report.errors:  # else bonds may be missing that were written
-        connect.check_connected(build, root)
+        fuse.check_connected(build, root)
     for instance in build.instances:
         if instance.cls.is_element:
             list(statements.ports_of(instance))
-    bonds = connect.fuse(build)
+    bonds = fuse.fuse(build)
     _settle_parameters(build)
     _declared_equations(build, lines)
     statements.settle_lines(lines, build)
@@ -213,7 +213,7 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
                 laws.check_numbers(build, item)
     report.stop_if_errors()
     if not part:
-        connect.warn_single(build, (item for item, _ in build.parts if isinstance(item, JunctionPart) and not item.open), bonds)
+        fuse.warn_single(build, (item for item, _ in build.parts if isinstance(item, JunctionPart) and not item.open), bonds)
     graph = BondGraph(
         node.name,
         node.comment or "",
@@ -253,7 +253,7 @@ def _leave_to_users(build: Build, is_base: bool) -> None:
     """What the users of a part give (values, sizes; in a base class, bonds), cannot be found missing in it."""
     theirs = {laws.MISSING.number}
     if is_base:
-        theirs.add(connect.UNCONNECTED.number)
+        theirs.add(fuse.UNCONNECTED.number)
     if any(item.nominal and item.structural for item in build.parameters.values()):
         theirs |= _OF_SIZES
     build.report.diagnostics[:] = [found for found in build.report.diagnostics if found.code.number not in theirs]

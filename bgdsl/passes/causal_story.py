@@ -67,6 +67,10 @@ class Story:
             case _:
                 return ""
 
+    def is_source(self, term: Term) -> bool:
+        """Is this the term of an Se or Sf, modulated or not?"""
+        return term.other is None and self.elements[term.element or ""].kind in ("Se", "Sf", "MSe", "MSf")
+
     def given(self, term: Term, value: int) -> str:
         """What a term gives out when it is (value 1) or is not its junction's determiner."""
         return "flow" if bool(value) == (self.scalar.junctions[term.junction].kind == 1) else "effort"

@@ -21,7 +21,8 @@ from bgdsl.ir.causal import CausalGraph, Constrained, Reason
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
 from bgdsl.passes.augment import augment, augment_two_port
-from bgdsl.passes.causal_errors import dependent_storages, needless_derivative, one_way_law, refused_stroke, sources_only, two_sources
+from bgdsl.passes.causal_constraints import ConstraintCheck
+from bgdsl.passes.causal_errors import dependent_storages, needless_derivative, one_way_law, refused_stroke, two_sources
 from bgdsl.passes.causal_loops import Graph, causal_loops, dependence, reachable
 from bgdsl.passes.causal_story import Step, Story
 from bgdsl.passes.law_directions import only_direction, written_direction
@@ -167,7 +168,7 @@ class _Scap:
             return
         other = self.scalar.terms[present]
         if reason.cause == "source":
-            if self.is_source(other):
+            if self.story.is_source(other):
                 two_sources(self.story, self.report, other, term)
             self.state.drop(term.index)
             self.constrained[j, term.index] = Constrained(j, term.element, term.index)
@@ -185,7 +186,7 @@ class _Scap:
         far = self.scalar.terms[term.other]
         present = state.determiner[j]
         state.settled.add((term.index, 1))
-        if present >= 0 and self.is_source(self.scalar.terms[present]):
+        if present >= 0 and self.story.is_source(self.scalar.terms[present]):
             source = self.scalar.terms[present]
             state.replace(term.index, reason)
             self.constrained[j, present] = Constrained(j, source.element, present)
@@ -202,9 +203,6 @@ class _Scap:
         """A term cannot be the determiner that it is: its junction is left without one."""
         self.state.drop(term.index)
         self.free_junction(term.junction)
-
-    def is_source(self, term: Term) -> bool:
-        return term.other is None and self.elements[term.element or ""].kind in ("Se", "Sf", "MSe", "MSf")
 
     # ---------------------------------------------------------------------------------------------------------- choices
 
@@ -358,75 +356,8 @@ class _Scap:
         return refused
 
     def check_constraints(self) -> None:
-        """Every constraint must be about more than what sources give."""
-        graph = self.dependence() if self.constrained else []
-        for place in self.constrained.values():
-            if not place.velocity:
-                self.check_constraint(graph, place)
-
-    def check_constraint(self, graph: Graph, place: Constrained) -> None:
-        far = -1 if place.term is None else self.state.other[place.term]
-        if far >= 0 and self.state.alike[far] and self.state.value[far] == 0:
-            return  # both relations of the two-port are constraints, and each has the other's multiplier
-        parents = dict.fromkeys(self.origins(place), -1)
-        queue = list(parents)
-        found: dict[int, int] = {}
-        for node in queue:
-            if self.reads_multiplier(node, place):
-                return
-            for t in self.brought(node):
-                if not self.is_source(self.scalar.terms[t]):
-                    return
-                found.setdefault(t, node)
-            for before in graph[node]:
-                if before not in parents:
-                    parents[before] = node
-                    queue.append(before)
-        if place.source is not None and place.term is not None:
-            found = {place.term: -1, **found}
-        ways = [self.way(place, parents, source, node) for source, node in list(found.items())[:2]]
-        sources_only(self.story, self.report, place, [self.scalar.terms[t] for t in found], ways)
-
-    def reads_multiplier(self, node: int, place: Constrained) -> bool:
-        """Does another constraint's multiplier enter at this node?"""
-        j, summed = divmod(node, 2)
-        present = self.state.determiner[j]
-        if not summed:
-            return j != place.junction if present < 0 else self.is_surplus(present, place)
-        return any(t != present and self.is_surplus(t, place) for t in self.scalar.terms_at[j])
-
-    def is_surplus(self, t: int, besides: Constrained) -> bool:
-        """Does this term belong to a two-port whose relation is another constraint?"""
-        far = self.state.other[t]
-        return any((self.state.junction[end], end) in self.constrained for end in (t, far) if far >= 0 and besides.term not in (t, far))
-
-    def origins(self, place: Constrained) -> list[int]:
-        """The nodes of the dependence graph that a constraint reads."""
-        if place.term is None:
-            return [2 * place.junction + 1]
-        far = self.scalar.terms[place.term].other
-        beyond = [] if far is None else [2 * self.scalar.terms[far].junction + self.state.alike[place.term]]
-        return [2 * place.junction, *beyond]
-
-    def brought(self, node: int) -> list[int]:
-        """The one-port terms that give a value to this node: the determiner, or all others."""
-        j, summed = divmod(node, 2)
-        present = self.state.determiner[j]
-        terms = [t for t in self.scalar.terms_at[j] if t != present] if summed else [present] if present >= 0 else []
-        return [t for t in terms if self.scalar.terms[t].other is None]
-
-    def way(self, place: Constrained, parents: dict[int, int], source: int, node: int) -> list[int]:
-        """The terms from a constrained junction to a source that it depends on."""
-        way = [source]
-        while node >= 0 and (before := parents[node]) >= 0:
-            there = node // 2
-            here = before // 2
-            link = (t for t in self.scalar.terms_at[here] if self.state.other[t] >= 0 and self.state.junction[self.state.other[t]] == there)
-            way += [t for t in (next(link, None),) if t is not None]
-            node = before
-        if place.term is not None and node >= 0 and node // 2 != place.junction:
-            way.append(place.term)
-        return way[::-1]
+        if self.constrained:
+            ConstraintCheck(self.story, self.state, self.dependence(), self.constrained, self.report).check_all()
 
     # ----------------------------------------------------------------------------------------------------- explanations
 

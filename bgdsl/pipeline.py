@@ -238,7 +238,7 @@ class System:
         """
         from bgdsl.simulate import run
 
-        settings, changes = _settings(more, parameters)
+        settings, changes = settings_of(more, parameters)
         system = self._restructured(experiment, changes, say)
         changes = {name: value for name, value in changes.items() if name not in system.model.overrides}
         options = system.options(experiment, changes, settings)
@@ -274,7 +274,7 @@ def _constant(value: Expr) -> float:
 _SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift")
 
 
-def _settings(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -> tuple[Settings, dict[str, Any]]:
+def settings_of(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -> tuple[Settings, dict[str, Any]]:
     """Keywords sorted into settings of the run and changed parameters."""
     from bgdsl.simulate.options import Settings
 

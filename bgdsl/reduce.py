@@ -6,20 +6,30 @@ run with integrals -> activities -> decision -> rewritten source -> compiled aga
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.diagnostics import Reporter
 from bgdsl.ir.activity import ActivityReport, Integrands
+from bgdsl.ir.partition import Dependencies, Edge, Frozen
 from bgdsl.ir.rewrite import Rewrite
+from bgdsl.passes import freezing
 from bgdsl.passes.activity import activities, grounded, integrands
-from bgdsl.pipeline import Model
+from bgdsl.passes.dependencies import dependencies
+from bgdsl.passes.subgraphs import partitions
+from bgdsl.pipeline import Model, settings_of
 from bgdsl.reductions.condition import Decision, decide
-from bgdsl.reductions.rewrite_source import Provenance, rewrite
+from bgdsl.reductions.determined import reinstate
+from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, write_partitions
+from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
+from bgdsl.source import Edit, Source, Span
+from bgdsl.syntax import ast
+from bgdsl.syntax.formatter import format_source
 from bgdsl.version import VERSION
 
 if TYPE_CHECKING:
+    from bgdsl.simulate.options import Settings
     from bgdsl.simulate.result import Run
 
 
@@ -38,9 +48,21 @@ class Measured:
     """A model's activities along a run of it."""
 
     model: Model
+    scenario: Scenario
     run: Run
     wanted: Integrands
     report: ActivityReport
+
+    @property
+    def changed(self) -> dict[str, float]:
+        """The scalar parameters that the run had set away from their defaults."""
+        from bgdsl.simulate.options import parameter_values
+
+        defaults = parameter_values(self.model.program, None, {}, Reporter())
+        wanted = self.scenario.parameters or {}
+        asked = {name for name in defaults if name in wanted or name.partition("[")[0] in wanted}
+        arrays = {name.partition("[")[0] for name in asked if "[" in name}
+        return {name: self.run.parameters[name] for name in defaults if name in asked or name.partition("[")[0] in arrays}
 
 
 def measure(model: Model, scenario: Scenario) -> Measured:
@@ -63,7 +85,7 @@ def measure(model: Model, scenario: Scenario) -> Measured:
         report=Reporter(),
         errors=found.errors.tolist(),
     )
-    return Measured(model, run, wanted, report)
+    return Measured(model, scenario, run, wanted, report)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +121,121 @@ def provenance(measured: Measured, settings: Mapping[str, str], kind: str = "con
 def condition(measured: Measured, threshold: float, *, guard: bool = True, folder: Path | None = None) -> Reduced:
     """Drop every term whose relative activity is below `threshold`, and write the model anew. `folder`: where the file will be."""
     model = measured.model
-    decision = decide(model.scalar, measured.report, threshold, guard=guard)
+    decision = reinstate(model.scalar, measured.report, decide(model.scalar, measured.report, threshold, guard=guard))
     head = provenance(measured, {"threshold": repr(threshold)})
-    written, decision = rewrite(model.library, model.scalar, measured.report, decision, head, folder=folder)
-    return Reduced(written.text, measured, decision, written)
+    edits = new_defaults(model, measured.changed)
+    written, decision = rewrite(
+        model.library,
+        model.scalar,
+        measured.report,
+        decision,
+        head,
+        folder=folder,
+        more=edits or (),
+        changed=measured.changed,
+        form="auto" if edits is not None else "flat",
+    )
+    original = model.library.main.source
+    as_formatted = written.flat or tidy(original.text) == original.text
+    return Reduced(tidy(written.text) if as_formatted else written.text, measured, decision, written)
+
+
+def tidy(text: str) -> str:
+    """The text in the canonical layout, in which reduced files are written where the model's own file is in it."""
+    report = Reporter()
+    formatted = format_source(Source("<reduced>", text), report)
+    report.stop_if_errors()
+    return formatted
+
+
+def new_defaults(model: Model, changed: Mapping[str, float]) -> tuple[Edit, ...] | None:
+    """Edits that write changed parameters as new defaults where the model itself declares them; None where one is a part's."""
+    values: dict[str, dict[str, float]] = {}
+    for name, value in changed.items():
+        values.setdefault(name.partition("[")[0], {})[name] = value
+    definition = next(item for item in model.library.models() if item.name == model.name)
+    declared = {
+        declarator.name: declarator for item in definition.items if isinstance(item, ast.Declaration) for declarator in item.declarators
+    }
+    parameters = {parameter.name: parameter for parameter in model.graph.parameters}
+    if any(name not in declared or len(parameters[name].shape) > 1 for name in values):
+        return None
+    edits = []
+    for name, new in values.items():
+        declarator, parameter = declared[name], parameters[name]
+        if parameter.shape and set(parameter.scalars()) != set(new):
+            return None
+        text = ", ".join(number(new[scalar]) for scalar in parameter.scalars())
+        text = f"{{{text}}}" if parameter.shape else text
+        if declarator.value is not None:
+            edits.append(Edit(declarator.value.span, text))
+        else:
+            end = Span(declarator.span.source, declarator.span.end, declarator.span.end)
+            edits.append(Edit(end, f" = {text}"))
+    return tuple(edits)
+
+
+# ----------------------------------------------------------------------------------------------------------- partitions
+
+
+@dataclass(frozen=True, eq=False)
+class Partitioned:
+    """files: one a partition, driving ones first; empty where the model does not come apart, and then `found.misses` says how
+    far it is from that. document: the text of `partition.json`."""
+
+    found: Partitioning
+    files: tuple[Written, ...]
+    document: str
+
+
+def partition(
+    measured: Measured, threshold: float, *, conditioned: bool = False, guard: bool = True, stem: str = "model", folder: Path | None = None
+) -> Partitioned:
+    """Take the model apart where terms below `threshold` fall: into driving and driven models, one file each.
+
+    Signals that modulate against the driving direction are held where a second run shows that this changes little.
+    """
+    scalar, report = measured.model.scalar, measured.report
+    found = find_partitions(
+        scalar,
+        report,
+        threshold,
+        lambda dropped: dependencies(scalar, dropped),
+        lambda needs, ignored: partitions(scalar, needs, ignored),
+        conditioned=conditioned,
+        guard=guard,
+        freezable=holdable(measured, threshold, guard=guard),
+    )
+    if len(found.partitions.partitions) < 2:
+        return Partitioned(found, (), partition_json(scalar, report, found, ()))
+    head = provenance(measured, {"threshold": repr(threshold)}, "partition")
+    files = tuple(
+        replace(written, text=tidy(written.text))
+        for written in write_partitions(scalar, report, found, head, stem, folder=folder, changed=measured.changed)
+    )
+    return Partitioned(found, files, partition_json(scalar, report, found, files))
+
+
+def holdable(measured: Measured, threshold: float, *, guard: bool = True) -> dict[Edge, Frozen]:
+    """What holding each modulating signal would change, measured by a second run with shadow states (reduction.md, section 4)."""
+    from bgdsl.backends.native.model import build
+    from bgdsl.simulate.quadrature import Quadratures
+    from bgdsl.simulate.run import simulate
+
+    model, scalar, report = measured.model, measured.model.scalar, measured.report
+    dropped = reinstate(scalar, report, decide(scalar, report, threshold, guard=guard)).dropped
+    needs: Dependencies = dependencies(scalar, dropped)
+    made = freezing.trials(scalar, needs, report, dropped, measured.run.parameters)
+    if not made:
+        return {}
+    program = freezing.with_shadows(model.program, made, grounded)
+    integrals = Quadratures(grounded(freezing.integrands(made), program))
+    scenario = measured.scenario
+    options = model.compile().options(scenario.experiment, scenario.parameters or {}, _only_settings(scenario))
+    run = simulate(build(program), options, quadratures=integrals, progress=scenario.progress)
+    assert run.trajectory.integrals is not None
+    return freezing.frozen(made, run.trajectory.integrals.values.tolist())
+
+
+def _only_settings(scenario: Scenario) -> Settings:
+    return settings_of(scenario.settings or {}, None)[0]

@@ -13,7 +13,7 @@ from bgdsl.cli import console
 from bgdsl.cli.app import app
 
 if TYPE_CHECKING:
-    from bgdsl.reduce import Measured
+    from bgdsl.reduce import Measured, Partitioned
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 Guard = Annotated[bool, typer.Option("--guard/--no-guard", help="Keep a term whose rms effort (flow) is above the threshold all the same.")]
@@ -117,3 +117,62 @@ def condition(
     write(output, reduced.source, ours=_is_reduced, force=force)
     console.out(f"{output}: {len(reduced.decision.dropped)} terms dropped of {len(found.model.scalar.terms)}")
     return 0
+
+
+@app.command()
+def partition(
+    file: arg.File,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the partitions' files.")],
+    threshold: Threshold = None,
+    conditioned: Annotated[
+        bool, typer.Option("--conditioned", help="Drop every term below the threshold, inside the partitions too.")
+    ] = False,
+    model: arg.ModelName = None,
+    experiment: arg.ExperimentName = None,
+    set_: arg.Set = None,
+    window: arg.Window = None,
+    guard: Guard = True,
+    stop: arg.Stop = None,
+    tolerance: arg.Tolerance = None,
+    method: arg.Method = None,
+    path: arg.Search = None,
+    force: arg.Force = False,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Take a model apart into driving and driven models; status 1 and the nearest misses where it holds together."""
+    from bgdsl import reduce
+    from bgdsl.cli.files import write
+
+    if threshold is None:
+        raise typer.BadParameter("say what may fall: --threshold 0.3%", param_hint="--threshold")
+    eps = arg.fraction(threshold, "--threshold")
+    found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
+    result = reduce.partition(found, eps, conditioned=conditioned, guard=guard, stem=file.stem, folder=output)
+    if format is arg.Format.JSON:
+        console.out(result.document)
+    if not result.files:
+        if format is not arg.Format.JSON:
+            console.out(_misses(result, eps))
+        return 1
+    for written in result.files:
+        write(output / written.file, written.text, ours=_is_reduced, force=force)
+    write(output / "partition.json", result.document + "\n", ours=lambda start: '"partitions"' in start, force=force)
+    if format is not arg.Format.JSON:
+        console.out(_files(result, output))
+    return 0
+
+
+def _files(result: Partitioned, folder: Path) -> str:
+    header = ("file", "role", "states", "inputs", "outputs")
+    rows = [
+        (str(folder / w.file), w.partition.role, *(str(len(x)) for x in (w.partition.states, w.inputs, w.outputs))) for w in result.files
+    ]
+    return console.table(header, rows, right=(2, 3, 4))
+
+
+def _misses(result: Partitioned, eps: float) -> str:
+    head = f"the model holds together at {100 * eps:g} %"
+    if result.found.apart_at is not None:
+        head += f"; it would come apart at {100 * result.found.apart_at:.3g} %"
+    rows = [(m.junction, m.name, f"{100 * m.rho:.4g} %") for m in result.found.misses]
+    return head + ("\n\n" + console.table(("junction", "term", "rho"), rows, right=(2,)) if rows else "")

@@ -3,8 +3,11 @@
 Input        Library, the name of a model (or None for its only one), parameters to set
 Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
-Reports      BG609 which model; the neighbours (`names`, `elaborate`, `instantiate`, `parameters`, `laws`,
-             `connect`, `statements`, `experiments`) report what they find
+Reports      BG609 which model; each neighbour reports what it finds
+
+The neighbours: `names` (classes, modifications), `parts` (what an instance is made of), `instantiate` (parts made, modifications
+applied), `elaborate` with `evaluation`, `references`, `inline`, `rates`, `values`, `functions` (expressions), `parameters`, `tables`,
+`laws` (elements), `statements` (loops, equations), `connect` with `ends` and `fuse` (bonds), `experiments`.
 """
 
 from __future__ import annotations

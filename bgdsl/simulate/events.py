@@ -88,7 +88,7 @@ class Watch:
 
     def note(self, t: float, k: int, rising: bool) -> None:
         """Record a crossing; RunError when this function's events crowd."""
-        self.crossings.append(Crossing(t, k, rising))
+        self.crossings.append(Crossing(float(t), k, rising))
         recent = self._recent[k]
         recent.append(t)
         if len(recent) > CROWD:

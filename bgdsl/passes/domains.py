@@ -66,12 +66,13 @@ def _join(bond: Bond, regions: Regions, claims: dict[int, Claim], report: Report
 
 
 def _report(bond: Bond, one: Claim, other: Claim, report: Reporter) -> None:
+    place = min(bond.origins, key=lambda origin: origin.path.count(".") + bool(origin.path)).span  # the outermost statement
     report.add(
         JOINED,
         f"bond `{bond.name}` joins the {one[0]} and the {other[0]} domain",
-        bond.origins[-1].span,
+        place,
         "joined here",
-        others=[(claim[1].span, f"{claim[0]} by this") for claim in (one, other) if claim[1].span != bond.origins[-1].span],
+        others=[(claim[1].span, f"{claim[0]} by this") for claim in (one, other) if claim[1].span != place],
         notes=["effort and flow of different domains cannot be summed or set equal"],
         helps=["put a TF, a GY or an `element` with a port of each domain between them"],
     )

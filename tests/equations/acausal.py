@@ -97,7 +97,6 @@ def solve_acausal(
     parameters: Mapping[str, float],
     *,
     time: float = 0.0,
-    guess: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
     """Every variable that solves the equations for the given values of the independent states."""
     first = acausal_equations(graph)
@@ -108,7 +107,7 @@ def solve_acausal(
     names = sorted({node.data for node in topological(equations) if node.op == "var"} - set(states))
     number = {name: j for j, name in enumerate(names)}
     slopes = [_gradient(e, number) for e in equations]
-    z = np.array([(guess or {}).get(name, 0.0) for name in names])
+    z = np.zeros(len(names))
     for _ in range(60):
         known = {**parameters, **states, **dict(zip(names, z.tolist(), strict=True))}
         residual = np.array([evaluate(e, known, time=time, tables=graph.tables) for e in equations])

@@ -1,16 +1,20 @@
-"""How close a reduced model's outputs come to the full model's: means, harmonics, normalised errors.
+"""How a reduced model's outputs differ from the full model's: means, harmonics, errors.
 
-Input        two runs as columns over time (s), the outputs to compare, the name of a shaft angle (rad) if there is one
-Output       Comparison per output
-Establishes  both are looked at on one uniform grid of the common interval (cubic interpolation)
+Input        signals of two runs at common times
+Output       OutputComparison a signal
+Establishes  harmonics are those that dominate the full model; both models are measured at the same frequencies
+Reports      nothing
+
+With a shaft angle the harmonics are orders (per revolution) over whole cycles at the end of the run, resampled uniformly in time;
+without one they are the peaks of the full model's spectrum, their amplitudes fitted by least squares over the window.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,142 +22,183 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-POINTS = 8192
-CYCLE = 4.0 * math.pi
-"""A shaft's cycle: two revolutions, as of a four-stroke engine, so that half orders are seen."""
+RESAMPLED = 8192
+"""Points over the cycles from which orders are taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Harmonic:
-    """A line of the spectrum: frequency (Hz), order per revolution (NaN without a shaft), amplitudes and phases (rad) of both."""
+    """frequency in Hz; amplitude in the signal's unit; phase in rad of `amplitude*cos(2 pi frequency t + phase)`, t from the window's
+    start; order per revolution, None where no shaft is named."""
 
     frequency: float
-    order: float
     amplitude: float
-    amplitude_reduced: float
     phase: float
-    phase_reduced: float
-
-    @property
-    def error(self) -> float:
-        """Relative error of the amplitude."""
-        return (self.amplitude_reduced - self.amplitude) / self.amplitude if self.amplitude else math.nan
+    order: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
-    """One output. nrms: rms of the difference over the rms of the output about its mean; peak: largest difference over the
-    largest excursion from the mean."""
+class OutputComparison:
+    """One output of the full and of a reduced model over the window.
+
+    nrms: root mean square of the difference over that of the full signal's fluctuation (of the signal itself where it has
+    none); peak: largest difference over the full signal's largest deviation from its mean. Both are 0 for equal signals.
+    """
 
     name: str
-    mean: float
-    mean_reduced: float
+    unit: str
+    mean: tuple[float, float]
+    harmonics: tuple[tuple[Harmonic, Harmonic], ...]
     nrms: float
     peak: float
-    harmonics: tuple[Harmonic, ...]
+
+    @property
+    def amplitude_error(self) -> float:
+        """The largest relative error of an amplitude among the harmonics that are at least a tenth of the largest."""
+        most = max((full.amplitude for full, _ in self.harmonics), default=0.0)
+        errors = [abs(r.amplitude - f.amplitude) / f.amplitude for f, r in self.harmonics if f.amplitude >= 0.1 * most > 0.0]
+        return max(errors, default=0.0)
+
+    def as_dictionary(self) -> dict[str, Any]:
+        return {
+            "output": self.name,
+            "unit": self.unit,
+            "mean": {"full": self.mean[0], "reduced": self.mean[1]},
+            "harmonics": [
+                {
+                    "frequency": full.frequency,
+                    "order": full.order,
+                    "amplitude": {"full": full.amplitude, "reduced": reduced.amplitude},
+                    "phase": {"full": full.phase, "reduced": reduced.phase},
+                }
+                for full, reduced in self.harmonics
+            ],
+            "nrms": self.nrms,
+            "peak": self.peak,
+        }
 
 
-def compare(
-    full: Mapping[str, Floats],
-    reduced: Mapping[str, Floats],
-    names: Sequence[str],
+@dataclass(frozen=True, slots=True)
+class Shaft:
+    """Cycles of a shaft: `angle` (rad) at the recorded times; the last `cycles` whole cycles of `revolutions` each are taken."""
+
+    angle: Floats
+    cycles: int = 4
+    revolutions: float = 2.0
+
+
+def compare_output(
+    name: str,
+    unit: str,
+    time: Floats,
+    full: Floats,
+    reduced: Floats,
     *,
-    angle: str | None = None,
-    cycles: int = 4,
-    lines: int = 3,
-) -> tuple[Comparison, ...]:
-    """Compare outputs over the common time of two runs; with a shaft `angle`, over its last whole `cycles`. Columns include `time`."""
+    harmonics: int = 3,
+    shafts: tuple[Shaft, Shaft] | None = None,
+) -> OutputComparison:
+    """Compare two signals at the same times. shafts: of the full and of the reduced run, each with its own angle."""
     import numpy as np
 
-    start = max(float(full["time"][0]), float(reduced["time"][0]))
-    stop = min(float(full["time"][-1]), float(reduced["time"][-1]))
-    revolutions = math.nan
-    if angle is not None:
-        start, stop, revolutions = _whole_cycles(full["time"], full[angle], start, stop, cycles)
-    grid = np.linspace(start, stop, POINTS, endpoint=False)
+    difference = reduced - full
+    swing = full - _mean(time, full)
+    size = _rms(time, swing)
+    size = size if size > 1e-12 * _rms(time, full) else _rms(time, full)
+    height = float(np.abs(swing).max()) or float(np.abs(full).max())
+    nrms = _rms(time, difference) / size if size else float(_rms(time, difference) > 0)
+    peak = float(np.abs(difference).max()) / height if height else float(np.abs(difference).max() > 0)
+    if shafts is None:
+        pairs = _by_frequency(time, full, reduced, harmonics)
+        mean = _mean(time, full), _mean(time, reduced)
+    else:
+        pairs, mean = _by_order(time, full, reduced, harmonics, shafts)
+    return OutputComparison(name, unit, mean, pairs, nrms, peak)
+
+
+def _mean(time: Floats, values: Floats) -> float:
+    import numpy as np
+
+    return float(np.trapezoid(values, time) / (time[-1] - time[0]))
+
+
+def _rms(time: Floats, values: Floats) -> float:
+    return math.sqrt(max(0.0, _mean(time, values * values)))
+
+
+# ----------------------------------------------------------------------------------------------------------- by frequency
+
+
+def _by_frequency(time: Floats, full: Floats, reduced: Floats, count: int) -> tuple[tuple[Harmonic, Harmonic], ...]:
+    frequencies = peaks(time, full, count)
+    if not frequencies:
+        return ()
+    return tuple(zip(fit(time, full, frequencies), fit(time, reduced, frequencies), strict=True))
+
+
+def peaks(time: Floats, values: Floats, count: int) -> list[float]:
+    """The frequencies (Hz) of the largest peaks of the spectrum, largest first; those below a thousandth of the largest are left out."""
+    import numpy as np
+
+    n = len(time)
+    span = time[-1] - time[0]
+    uniform = np.interp(np.linspace(time[0], time[-1], n), time, values)
+    spectrum = np.abs(np.fft.rfft((uniform - uniform.mean()) * np.hanning(n)))
+    if n < 8 or not spectrum.max() > 1e-12 * n * max(1e-300, float(np.abs(values).max())):
+        return []
+    inner = spectrum[1:-1]
+    tops = 1 + np.flatnonzero((inner > spectrum[:-2]) & (inner >= spectrum[2:]) & (inner > 1e-3 * spectrum.max()))
+    best = sorted(tops.tolist(), key=lambda k: -spectrum[k])[:count]
+    return [(k + _vertex(*np.log(spectrum[k - 1 : k + 2] + 1e-300))) * (n - 1) / n / span for k in best]
+
+
+def _vertex(a: float, b: float, c: float) -> float:
+    """Where between -1/2 and 1/2 the parabola through three points has its top."""
+    bend = a - 2 * b + c
+    return float(min(0.5, max(-0.5, (a - c) / (2 * bend)))) if bend else 0.0
+
+
+def fit(time: Floats, values: Floats, frequencies: Sequence[float]) -> tuple[Harmonic, ...]:
+    """Amplitude and phase at the given frequencies, all at once, by least squares beside a mean."""
+    import numpy as np
+
+    phases = 2 * np.pi * np.outer(time - time[0], frequencies)
+    basis = np.column_stack([np.ones(len(time)), np.cos(phases), np.sin(phases)])
+    solution = np.linalg.lstsq(basis, values, rcond=None)[0][1:]
+    cosines, sines = np.split(solution, 2)
     return tuple(
-        compare_output(
-            name,
-            resampled(full["time"], full[name], grid),
-            resampled(reduced["time"], reduced[name], grid),
-            stop - start,
-            revolutions,
-            lines,
-        )
-        for name in names
+        Harmonic(float(f), float(math.hypot(c, s)), float(math.atan2(-s, c))) for f, c, s in zip(frequencies, cosines, sines, strict=True)
     )
 
 
-def resampled(time: Floats, values: Floats, grid: Floats) -> Floats:
-    """The values on another grid, by a cubic spline; times that occur twice (events) count once."""
+# --------------------------------------------------------------------------------------------------------------- by order
+
+
+def orders(time: Floats, values: Floats, shaft: Shaft) -> tuple[float, list[Harmonic]]:
+    """The mean and the harmonics by order, in steps of one per window, over the shaft's last whole cycles.
+
+    ValueError where the run is shorter than that.
+    """
     import numpy as np
     from scipy.interpolate import CubicSpline
 
-    keep = np.concatenate(([True], np.diff(time) > 0))
-    if keep.sum() < 4:
-        return np.asarray(np.interp(grid, time[keep], values[keep]))
-    return np.asarray(CubicSpline(time[keep], values[keep])(grid))
+    cycle = 2 * np.pi * shaft.revolutions
+    last = math.floor(shaft.angle[-1] / cycle)
+    if last < shaft.cycles:
+        raise ValueError(f"the run has {last} whole cycles of the shaft, and {shaft.cycles} are wanted")
+    start, stop = np.interp([cycle * (last - shaft.cycles), cycle * last], shaft.angle, time)
+    uniform = CubicSpline(time, values)(start + (stop - start) * np.arange(RESAMPLED) / RESAMPLED)
+    spectrum = np.fft.rfft(uniform) / RESAMPLED
+    turns = shaft.cycles * shaft.revolutions
+    found = [
+        Harmonic(k / (stop - start), 2 * abs(spectrum[k]), float(np.angle(spectrum[k])), k / turns) for k in range(1, int(40 * turns) + 1)
+    ]
+    return float(spectrum[0].real), found
 
 
-def _whole_cycles(time: Floats, angle: Floats, start: float, stop: float, cycles: int) -> tuple[float, float, float]:
-    """The interval of the last whole cycles, and its revolutions; the whole interval where there is no whole cycle."""
-    import numpy as np
-
-    last = math.floor(float(np.interp(stop, time, angle)) / CYCLE)
-    first = max(last - cycles, math.ceil(float(np.interp(start, time, angle)) / CYCLE))
-    if last <= first:
-        turned = float(np.interp(stop, time, angle) - np.interp(start, time, angle))
-        return start, stop, turned / (2.0 * math.pi)
-    a, b = (float(np.interp(k * CYCLE, angle, time)) for k in (first, last))
-    return a, b, (last - first) * CYCLE / (2.0 * math.pi)
-
-
-def compare_output(name: str, full: Floats, reduced: Floats, length: float, revolutions: float, lines: int) -> Comparison:
-    """Compare one output given on one uniform grid over `length` seconds and so many revolutions."""
-    import numpy as np
-
-    mean, mean_reduced = float(full.mean()), float(reduced.mean())
-    swing = full - mean
-    rms, most = float(np.sqrt(np.mean(swing**2))), float(np.abs(swing).max())
-    difference = reduced - full
-    error, worst = float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())
-    return Comparison(
-        name,
-        mean,
-        mean_reduced,
-        error / rms if rms else (0.0 if error == 0.0 else math.inf),
-        worst / most if most else (0.0 if worst == 0.0 else math.inf),
-        _harmonics(swing, reduced - mean_reduced, length, revolutions, lines),
-    )
-
-
-def _harmonics(full: Floats, reduced: Floats, length: float, revolutions: float, lines: int) -> tuple[Harmonic, ...]:
-    """The strongest lines of the full model's spectrum, largest first; without a shaft a window keeps them apart."""
-    import numpy as np
-
-    shaft = not math.isnan(revolutions)
-    window = np.ones(len(full)) if shaft else np.hanning(len(full))
-    gain = 2.0 / window.sum()
-    a, b = gain * np.fft.rfft(full * window), gain * np.fft.rfft(reduced * window)
-    strength = np.abs(a)
-    if not strength.max():
-        return ()
-    found: list[int] = []
-    for k in np.argsort(-strength):
-        k = int(k)
-        apart = all(abs(k - other) > (0 if shaft else 2) for other in found)
-        if k > 0 and apart and strength[k] > 1e-6 * strength.max():
-            found.append(k)
-        if len(found) == lines:
-            break
-    return tuple(
-        Harmonic(
-            k / length,
-            k / revolutions if shaft else math.nan,
-            float(abs(a[k])),
-            float(abs(b[k])),
-            float(np.angle(a[k])),
-            float(np.angle(b[k])),
-        )
-        for k in found
-    )
+def _by_order(
+    time: Floats, full: Floats, reduced: Floats, count: int, shafts: tuple[Shaft, Shaft]
+) -> tuple[tuple[tuple[Harmonic, Harmonic], ...], tuple[float, float]]:
+    mean_full, of_full = orders(time, full, shafts[0])
+    mean_reduced, of_reduced = orders(time, reduced, shafts[1])
+    best = sorted(range(len(of_full)), key=lambda k: -of_full[k].amplitude)[:count]
+    return tuple((of_full[k], of_reduced[k]) for k in best), (mean_full, mean_reduced)

@@ -11,7 +11,7 @@ when an instance asks for them, in the scope of the one who wrote them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
@@ -389,9 +389,10 @@ class Names:
             claims = ((changed, made.scope), *member.claims) if changed is not None else member.claims
             old = made.members.get(name)
             if old is not None:
-                if old.declarator is member.declarator and not (old.claims or claims):
-                    continue  # the same base by two ways
-                if not (old.declaration == member.declaration and old.declarator == member.declarator and not (old.claims or claims)):
+                same = old.declarator is member.declarator or (
+                    old.declaration == member.declaration and old.declarator == member.declarator
+                )
+                if not (same and _alike(old.claims, claims)):
                     self._duplicate(
                         name, item.span, "inherited again here", ((old.span, f"first from `{old.scope.place}`"), (member.span, "and here"))
                     )
@@ -420,6 +421,18 @@ class Names:
                     others=[(head(base.node.span), f"`{base.name}` is defined here")],
                     helps=did_you_mean(name, base.members),
                 )
+
+
+def _alike(one: Sequence[tuple[Modification, Scope]], other: Sequence[tuple[Modification, Scope]]) -> bool:
+    """Whether two ways to inherit a member modify it alike."""
+    return len(one) == len(other) and all(_same(a, b) for (a, _), (b, _) in zip(one, other, strict=True))
+
+
+def _same(a: Modification, b: Modification) -> bool:
+    """Whether two modifications say the same, wherever they stand."""
+    if (a.value, a.each, a.final, a.redeclared) != (b.value, b.each, b.final, b.redeclared) or a.nested.keys() != b.nested.keys():
+        return False
+    return not a.parts and not b.parts and all(_same(inner, b.nested[name]) for name, inner in a.nested.items())
 
 
 def describe(resolved: Resolved) -> str:

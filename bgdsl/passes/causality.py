@@ -332,11 +332,60 @@ class _Scap:
         followed = [node // 2 for node in reachable(graph, starts) if node % 2 == 0 and self.is_undecided(node // 2)]
         if not followed or self.refuse_derivative(graph):
             return
-        for j in followed:
-            if self.state.determiner[j] >= 0:
-                self.state.drop(self.state.determiner[j])
-            self.free_junction(j)
-            self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
+        for names, junctions in self.followers(graph):
+            if len(junctions) > len(names) and all(self.can_be_independent(name) for name in names):
+                for name in names:
+                    self.make_independent(name)
+            else:
+                for j in junctions:
+                    self.make_state(j)
+        self.follow()
+
+    def followers(self, graph: Graph) -> list[tuple[list[str], set[int]]]:
+        """Dependent storages with the undecided junctions that they follow, those that share one together."""
+        groups: list[tuple[list[str], set[int]]] = []
+        for name, path in self.derivative.items():
+            start = 2 * self.scalar.terms[path[0]].junction
+            found = {node // 2 for node in reachable(graph, [start]) if node % 2 == 0 and self.is_undecided(node // 2)}
+            if found:
+                apart = [group for group in groups if group[1].isdisjoint(found)]
+                shared = [group for group in groups if not group[1].isdisjoint(found)]
+                merged = ([n for names, _ in shared for n in names] + [name], found.union(*(junctions for _, junctions in shared)))
+                groups = [*apart, merged]
+        return groups
+
+    def make_state(self, j: int) -> None:
+        """Let junction j's variable be a state."""
+        if self.state.determiner[j] >= 0:
+            self.state.drop(self.state.determiner[j])
+        self.free_junction(j)
+        self.constrained[j, None] = replace(self.constrained[j, None], velocity=True)
+
+    def can_be_independent(self, name: str) -> bool:
+        """Could the storage determine its junction in place of the two-port or bond that does?"""
+        term = self.scalar.terms[self.derivative[name][0]]
+        present = self.state.determiner[term.junction]
+        return self.state.value[term.index] == 0 and present >= 0 and self.state.other[present] >= 0
+
+    def make_independent(self, name: str) -> None:
+        """Give a storage integral causality after all; what determined it (or its junction) before becomes a constraint.
+
+        (Where more undecided variables move it than there are such storages, they cannot all be states; the multiplier of the
+        constraint finds its way through the resistors that determine them.)
+        """
+        state = self.state
+        term = self.scalar.terms[self.derivative.pop(name)[0]]
+        j = term.junction
+        present = state.determiner[j]
+        far = self.scalar.terms[state.other[present]]
+        state.drop(present)
+        state.replace(term.index, Reason("storage"))
+        state.settled |= {(end, value) for end in (present, far.index) for value in (0, 1)}
+        if state.alike[present]:
+            self.release(far)
+        else:
+            surplus = present if present in self.related else far.index
+            self.constrained[state.junction[surplus], surplus] = Constrained(state.junction[surplus], None, surplus)
 
     def is_undecided(self, j: int) -> bool:
         """Has junction j no determiner yet, or a resistor?"""

@@ -104,6 +104,25 @@ def test_a_velocity_that_dependent_storages_follow_is_a_state(bearing: float | N
     assert [(c.velocity, c.term) for c in causal.constrained] == [(True, None)]
 
 
+def test_where_more_velocities_than_storages_are_undecided_the_storage_stays_independent() -> None:
+    """Two sliders without mass move one mass through moduli that may vanish: one state, and a force between them to be found."""
+    g = GraphBuilder()
+    for name in ("a", "b", "v"):
+        g.junction(name, 1)
+    g.junction("z", 0)
+    g.storage("m", "I", 1.0)
+    phi = g.signal("phi", rate=var("v.f"))
+    for name, modulus in (("a", unary("cos", phi)), ("b", unary("sin", phi))):
+        g.resistor(f"r{name}", 1.0)
+        g.two_port(f"t{name}", "MTF", modulus)
+        g.bond(name, f"r{name}")
+        g.chain(name, f"t{name}", "z")
+    g.chain("z", "v", "m")
+    causal = causal_of(g)
+    assert not causal.derivative
+    assert [(causal.scalar.junctions[c.junction].name, c.velocity) for c in causal.constrained] == [("z", False)]
+
+
 def test_with_inertia_the_velocity_follows_its_momentum() -> None:
     causal = causal_of(rod(bearing=0.1, inertia=True))
     assert setter(causal, "w") == "J"

@@ -97,9 +97,14 @@ class _Structure:
     def undetermined(self, dropped: frozenset[int], gone: frozenset[str]) -> set[int]:
         """The junctions whose variable, or one of whose conjugates, nothing determines."""
         rows = list(self.rows(dropped, gone))
-        used = {c for row in rows for c in row}
-        free = underdetermined(rows, len(self.columns)) & used
-        return {j for j, columns in enumerate(self.own) if any(c in free for c in columns) and self.scalar.terms_at[j]}
+        free = underdetermined(rows, len(self.columns))
+        found = set()
+        for j, columns in enumerate(self.own):
+            ends = [t for at in self.scalar.terms_at[j] for t in (at, self.scalar.terms[at].other)]
+            kept = any(t is not None and t not in dropped for t in ends)
+            if kept and any(c in free for c in columns):
+                found.add(j)
+        return found
 
 
 def underdetermined(rows: Sequence[tuple[int, ...]], width: int) -> set[int]:

@@ -97,7 +97,8 @@ def _bare(scalar: ScalarGraph, decision: Decision) -> tuple[str, ...]:
     left: dict[str, bool] = defaultdict(lambda: True)
     for junction, at in zip(scalar.junctions, scalar.terms_at, strict=True):
         for name, _ in junction.members:
-            left[name] = left[name] and bool(at) and all(t in decision.dropped for t in at)
+            ends = [t for here in at for t in (here, scalar.terms[here].other) if t is not None]
+            left[name] = left[name] and bool(ends) and all(t in decision.dropped for t in ends)
     return tuple(junction.name for junction in scalar.graph.junctions if left[junction.name])
 
 

@@ -11,6 +11,7 @@ from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.rewrite import Rewrite
 from bgdsl.passes.activity import activities, grounded, integrands
 from bgdsl.reductions.condition import Decision, decide
+from bgdsl.reductions.determined import reinstate
 from bgdsl.reductions.rewrite_source import Provenance, rewrite
 from bgdsl.simulate.direct import DirectModel
 from bgdsl.simulate.options import Settings
@@ -40,5 +41,5 @@ def provenance(model: pipeline.Model, report: ActivityReport, threshold: float) 
 
 
 def condition(model: pipeline.Model, report: ActivityReport, threshold: float, **more: Any) -> tuple[Rewrite, Decision]:
-    decision = decide(model.scalar, report, threshold, **more)
+    decision = reinstate(model.scalar, report, decide(model.scalar, report, threshold, **more))
     return rewrite(model.library, model.scalar, report, decision, provenance(model, report, threshold))

@@ -29,7 +29,8 @@ def derivatives(scalar: ScalarGraph, dropped: frozenset[int], gone: frozenset[st
     residuals += [law.left - law.right for element in elements for law in element.laws]
     residuals += [e.left - e.right for e in graph.equations]
     residuals = list(_expanded(residuals, scalar))
-    removed = {p.variable(e.name, letter, i) for e in graph.elements if e.name in gone for p in e.ports for letter in "efpq" for i in range(p.width)}
+    lost = [(element, port) for element in graph.elements if element.name in gone for port in element.ports]
+    removed = {port.variable(element.name, letter, i) for element, port in lost for letter in "efpq" for i in range(port.width)}
     names = sorted({leaf.data for leaf in leaves(residuals)} - set(states) - removed)
     assert len(names) == len(residuals), (len(names), len(residuals), names)
     values = {**parameter_values(graph), **dict.fromkeys(removed, 0.0), **states}

@@ -47,7 +47,7 @@ def random_model(seed: int, nodes: int = 5, vectors: bool = True) -> str:
         text.declarations.append(f"{storage}{d} s{i}({storage} = {shown});")
         text.statements.append(f"n{i} {s} s{i};")
         if rng.random() < 0.6:
-            text.declarations.append(f"R{d} r{i}(R = {f'{rng.uniform(0.5, 2):.3f}*identity(3)' if size else f'{rng.uniform(0.5, 2):.3f}'});")
+            text.declarations.append(f"R{d} r{i}(R = {rng.uniform(0.5, 2):.3f}{'*identity(3)' if size else ''});")
             text.statements.append(f"n{i} {s} r{i};")
         if kind == 1 and size and rng.random() < 0.5:
             text.declarations.append(f"EJS[3] g{i}(G = skew({{{', '.join(f'{rng.uniform(-1, 1):.3f}' for _ in range(3))}}}));")

@@ -1,0 +1,81 @@
+"""The written model says the full model's equations less the dropped terms: random models, random sets of ends, random states."""
+
+from __future__ import annotations
+
+import random
+import re
+
+import numpy as np
+import pytest
+from driving import provenance
+from oracle import derivatives
+from random_models import random_model
+
+from bgdsl import pipeline
+from bgdsl.diagnostics import BgError, Reporter
+from bgdsl.ir.activity import ActivityReport
+from bgdsl.ir.native import parameter_names
+from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.passes.activity import activities, integrands
+from bgdsl.reductions.condition import Decision, parameter_values, settle
+from bgdsl.reductions.determined import gone_elements, reinstate
+from bgdsl.reductions.flat_text import flat_name
+from bgdsl.reductions.rewrite_source import rewrite
+from bgdsl.simulate.direct import DirectModel
+
+
+def rates(model: pipeline.Model, states: dict[str, float]) -> dict[str, float]:
+    direct = DirectModel(model.program)
+    values = parameter_values(model.graph)
+    direct.set_parameters(np.array([values[name] for name in parameter_names(model.program)]))
+    names = [record.name for record in model.program.states]
+    out = np.zeros(len(names))
+    assert direct.rhs(0.0, np.array([states[name] for name in names]), np.zeros(0), out) == 0
+    return dict(zip(names, out.tolist(), strict=True))
+
+
+def even_report(scalar: ScalarGraph) -> ActivityReport:
+    """A report in which every term is as active as any other."""
+    wanted = integrands(scalar)
+    return activities(scalar, wanted, [1.0] * len(wanted.expressions), experiment=None, window=(0, 1), report=Reporter())
+
+
+def random_decision(scalar: ScalarGraph, report: ActivityReport, rng: random.Random) -> Decision:
+    ends = [t for t in scalar.terms if len(scalar.terms_at[t.junction]) > 2]
+    free = [t.index for t in ends if t.other is not None or (t.element or "").rpartition(".")[2].startswith(("r", "loss"))]
+    share = rng.choice([0.1, 0.3, 0.6])
+    dropped = frozenset(t for t in free if rng.random() < share)
+    return reinstate(scalar, report, settle(scalar, Decision(0.5, dropped, (), frozenset(), ())))
+
+
+def flat_state(state: str) -> str:
+    """The name of `s2.p[1]` in flat text: `s2_1.p`."""
+    match = re.fullmatch(r"(.*)\.([pq])(\[\d+\])?", state)
+    assert match
+    return f"{flat_name(match[1] + (match[3] or ''))}.{match[2]}"
+
+
+@pytest.mark.parametrize("form", ["kept", "flat"])
+@pytest.mark.parametrize("seed", range(24))
+def test_written_model_equals_the_oracle(seed: int, form: str) -> None:
+    model = pipeline.loads(random_model(seed), "Net")
+    try:
+        model.check()
+    except BgError:
+        pytest.skip("the random model itself is refused")
+    scalar, rng = model.scalar, random.Random(seed)
+    states = {state: rng.uniform(-1, 1) for element in model.graph.elements for state in element.states}
+    if {record.name for record in model.program.states} != set(states):
+        pytest.skip("a storage depends on others")
+    full = derivatives(scalar, frozenset(), frozenset(), states)
+    assert rates(model, states) == pytest.approx(full, abs=1e-9)
+    report = even_report(scalar)
+    decision = random_decision(scalar, report, rng)
+    head = provenance(model, report, 0.5)
+    result, decision = rewrite(model.library, scalar, report, decision, head, form=form)  # type: ignore[arg-type]
+    reduced = pipeline.loads(result.text, "Net")
+    reduced.check()
+    wanted = derivatives(scalar, decision.dropped, gone_elements(scalar, decision), states)
+    name = flat_state if result.flat else str
+    found = rates(reduced, {name(state): value for state, value in states.items()})
+    assert {name(state): value for state, value in wanted.items()} == pytest.approx(found, abs=1e-9)

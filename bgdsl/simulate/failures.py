@@ -1,7 +1,8 @@
 """Why a run had to stop, said in the model's own terms: the time, the element and its line, the states that moved fastest.
 
 Reports      BG630 not finite, BG631 the step size collapsed, BG632 a block of equations could not be solved,
-             BG633 events without end, BG634 an assertion of the model does not hold, BG635 the integrator gave up
+             BG633 events without end, BG634 an assertion of the model does not hold, BG635 the integrator gave up,
+             BG636 a library for this method is missing
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NoReturn
 
-from bgdsl.diagnostics import Code, Diagnostic, Label, RunError
+from bgdsl.diagnostics import Code, Diagnostic, Label, Reporter, RunError
 from bgdsl.expr import Expr, leaves, to_text
 from bgdsl.ir.graph import Origin
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.program import Assign, SolveLinear
 from bgdsl.simulate.direct import StepFailureError, Steps
 from bgdsl.simulate.inputs import InputSignals
+from bgdsl.source import Source, Span
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,6 +32,9 @@ UNSOLVED = Code("BG632", "equations could not be solved")
 CHATTERING = Code("BG633", "events follow each other without end")
 VIOLATED = Code("BG634", "an assertion of the model does not hold")
 GAVE_UP = Code("BG635", "the integrator gave up")
+
+
+MISSING = Code("BG636", "a library for this method is missing")
 
 
 class IntegrationError(Exception):
@@ -49,6 +54,14 @@ def stop(
 ) -> NoReturn:
     """Raise the run's error."""
     raise RunError([Diagnostic(code, message, Label(origin.span, label), (), notes, helps)], time)
+
+
+def missing(message: str, report: Reporter) -> NoReturn:
+    """Stop for a library that is not there."""
+    where = Span(Source("<command line>", "method"), 0, 6)
+    report.fail(
+        MISSING, message, where, helps=("install it (`pip install scikit-sundae`), or take `lsoda`, `radau`, `rk45` or `vode-adams`",)
+    )
 
 
 def explain(model: CompiledModel, error: IntegrationError, inputs: InputSignals, parameters: Mapping[str, float]) -> RunError:

@@ -47,7 +47,7 @@ class Recorder:
         self.grid = grid
         self.next = 0
         self.fill = 0
-        self._sink, self._states, self._inputs = sink, states, inputs
+        self.sink, self._states, self._inputs = sink, states, inputs
         self.adjust: Callable[[float, Floats], object] | None = None
         n = len(model.program.states)
         self.capacity = max(2, min(grid.count, CHUNK_NUMBERS // max(1, len(columns) + n)))
@@ -95,7 +95,7 @@ class Recorder:
     def flush(self) -> None:
         """Pass on what has gathered."""
         if self.fill:
-            self._sink.write(self.times[: self.fill], self.rows[: self.fill])
+            self.sink.write(self.times[: self.fill], self.rows[: self.fill])
             if self._states is not None:
                 self._states.write(self.times[: self.fill], self.state_rows[: self.fill])
             self.fill = 0

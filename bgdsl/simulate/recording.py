@@ -15,7 +15,7 @@ import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.trajectory import Status
@@ -44,6 +44,10 @@ class Sink(Protocol):
         """Finish; a file appears at its place. Called once."""
         ...
 
+    def discard(self) -> None:
+        """Leave nothing behind, instead of `close`."""
+        ...
+
 
 class MemorySink:
     """Keeps the rows."""
@@ -58,6 +62,9 @@ class MemorySink:
         self._values.append(values.copy())
 
     def close(self, status: Status) -> None:
+        pass
+
+    def discard(self) -> None:
         pass
 
     def rows(self) -> tuple[Floats, Floats]:
@@ -83,7 +90,13 @@ def open_sink(path: Path, columns: Sequence[Column], model: str, digest: str, *,
         path.parent.mkdir(parents=True, exist_ok=True)
         return _SINKS[path.suffix.lower()](path, names, units, facts)
     except OSError as error:
-        report.fail(NO_OUTPUT, f"{path} cannot be written: {error.strerror or error}", where)
+        cannot_write(path, error, report)
+
+
+def cannot_write(path: Path | None, error: OSError, report: Reporter) -> NoReturn:
+    """Stop for what the system says about a file."""
+    place = str(path or "memory")
+    report.fail(NO_OUTPUT, f"{place} cannot be written: {error.strerror or error}", Span(Source("<command line>", place), 0, len(place)))
 
 
 class _Draft:
@@ -94,6 +107,9 @@ class _Draft:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         os.close(handle)
         self.name = name
+
+    def remove(self) -> None:
+        Path(self.name).unlink(missing_ok=True)
 
     def publish(self) -> None:
         mask = os.umask(0)
@@ -119,6 +135,10 @@ class CsvSink:
             self._file.write("# partial\n")
         self._file.close()
         self._draft.publish()
+
+    def discard(self) -> None:
+        self._file.close()
+        self._draft.remove()
 
 
 def _quoted(name: str) -> str:
@@ -159,6 +179,10 @@ class NetcdfSink:
         self._file.close()
         self._draft.publish()
 
+    def discard(self) -> None:
+        self._file.close()
+        self._draft.remove()
+
 
 def _slashless(name: str) -> str:
     return name.replace("/", "|")
@@ -190,6 +214,10 @@ class ParquetSink:
         self._writer.add_key_value_metadata({"status": status})
         self._writer.close()
         self._draft.publish()
+
+    def discard(self) -> None:
+        self._writer.close()
+        self._draft.remove()
 
 
 _SINKS: dict[str, Callable[[Path, Sequence[str], Sequence[str], dict[str, str]], Sink]] = {

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,7 @@ from bgdsl.ir.trajectory import Statistics, Status, Trajectory
 from bgdsl.simulate.columns import find_columns, output_columns
 from bgdsl.simulate.cvode import CvodeLoop, CvodeStepper
 from bgdsl.simulate.events import Watch
-from bgdsl.simulate.failures import IntegrationError, explain
+from bgdsl.simulate.failures import IntegrationError, explain, missing
 from bgdsl.simulate.initial import initial_state
 from bgdsl.simulate.inputs import InputSignals, input_signals
 from bgdsl.simulate.methods import METHODS, Method
@@ -28,10 +29,11 @@ from bgdsl.simulate.options import Options, parameter_array
 from bgdsl.simulate.projection import Invariants
 from bgdsl.simulate.quadrature import Quadrature, Quadratures
 from bgdsl.simulate.recorder import Grid, Recorder
-from bgdsl.simulate.recording import MemorySink, Sink, open_sink
+from bgdsl.simulate.recording import MemorySink, Sink, cannot_write, open_sink
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
 from bgdsl.simulate.stepper import Counters, LastStep, Stepper
+from bgdsl.simulate.sundials import libraries
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,20 +71,13 @@ def simulate(
     grid = Grid(options.start, options.stop, options.interval)
     keep = output is None and grid.count * max(1, len(program.states)) <= KEPT_STATES
     memory, states = MemorySink(len(columns)), MemorySink(len(program.states))
-    sink: Sink = memory if output is None else open_sink(output, columns, program.model, program.digest, force=force, report=report)
-    recorder = Recorder(model, columns, sink, states if keep else None, grid, inputs)
+    recorder = Recorder(model, columns, memory, states if keep else None, grid, inputs)
     quadrature = None if quadratures is None else Quadrature(model, quadratures.expressions, quadratures.window or options.window, inputs)
     journey = Journey(model, options, inputs, recorder, quadrature, progress, report)
-    status: Status = "partial"
-    try:
-        journey.travel(x0)
-        status = "complete"
-    except (IntegrationError, RunError) as error:
-        failure = error if isinstance(error, RunError) else explain(model, error, inputs, options.parameters)
-        raise (failure if output is None else _with_note(failure, f"the rows up to there are in {output}, marked partial")) from None
-    finally:
-        recorder.flush()
-        sink.close(status)
+    sink: Sink = memory
+    if output is not None:
+        sink = recorder.sink = open_sink(output, columns, program.model, program.digest, force=force, report=report)
+    status = _carry_out(journey, x0, recorder, sink, output, lambda error: explain(model, error, inputs, options.parameters), report)
     times, values = memory.rows()
     trajectory = Trajectory(
         model=program.model,
@@ -101,6 +96,37 @@ def simulate(
         digest=program.digest,
     )
     return Run(trajectory, model, inputs, output)
+
+
+def _carry_out(
+    journey: Journey,
+    x0: Floats,
+    recorder: Recorder,
+    sink: Sink,
+    output: Path | None,
+    explained: Callable[[IntegrationError], RunError],
+    report: Reporter,
+) -> Status:
+    """Travel, and leave the sink closed whatever happens: what was recorded is kept, marked partial; nothing where there is nothing."""
+    status: Status = "partial"
+    try:
+        journey.travel(x0)
+        recorder.flush()
+        status = "complete"
+    except (IntegrationError, RunError) as error:
+        failure = error if isinstance(error, RunError) else explained(error)
+        raise (failure if output is None else _with_note(failure, f"the rows up to there are in {output}, marked partial")) from None
+    except OSError as error:
+        cannot_write(output, error, report)
+    finally:
+        with suppress(OSError):
+            if status == "partial":
+                recorder.flush()
+            if status == "complete" or recorder.next > 1:
+                sink.close(status)
+            else:
+                sink.discard()
+    return status
 
 
 def _with_note(error: RunError, note: str) -> RunError:
@@ -161,6 +187,10 @@ class Journey:
         """CVODE's own loop; Python is told of events only."""
         options, watch = self._options, self.watch
         events = None if watch.idle else watch.kernel
+        try:
+            libraries()
+        except OSError as error:
+            missing(f"the method `{method.name}` needs SUNDIALS: {error}", self._report)
         stepper = CvodeStepper(self._model, method, options, self._inputs, options.start, x0, events)
         self._spent = stepper.counters
         try:

@@ -59,3 +59,18 @@ def test_an_equation_without_solution_beyond_a_time_is_named() -> None:
         simulate(re.findall(r"^```bg\n(.*?)^```", page, re.MULTILINE | re.DOTALL)[0])
     (found,) = caught.value.diagnostics
     assert "`y`" in found.message and caught.value.time == pytest.approx(1.0, abs=1e-4)
+
+
+def test_without_sundials_other_methods_are_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """BG636."""
+    from bgdsl.simulate import run
+
+    def absent() -> None:
+        raise OSError("there is no library sundials_cvode")
+
+    monkeypatch.setattr(run, "libraries", absent)
+    text = "model Decay\n  Real x(start = 1);\nequation\n  der(x) = -x;\nend Decay;\n"
+    with pytest.raises(BgError) as caught:
+        simulate(text)
+    assert caught.value.diagnostics[0].code.number == "BG636"
+    simulate(text, method="lsoda")

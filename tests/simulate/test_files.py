@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bgdsl.diagnostics import BgError, Reporter, RunError
-from bgdsl.expr import TIME, relation, unary, var
+from bgdsl.expr import TIME, const, relation, unary, var
 from bgdsl.simulate import recorder
 from bgdsl.simulate.columns import find_columns
 from bgdsl.simulate.inputs import read_columns
 from bgdsl.simulate.options import Settings, resolve_options
-from bgdsl.simulate.recording import is_ours
+from bgdsl.simulate.recording import CsvSink, is_ours
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.run import simulate
 from tests.simulate.models import compiled, make_program, van_der_pol
@@ -187,3 +187,20 @@ def test_to_xarray_and_save(tmp_path: Path) -> None:
 def test_relations_as_outputs() -> None:
     found = run(make_program({"x": (0.0, 1.0)}, outputs={"late": relation("lt", 1.0 + 0.0 * var("x"), TIME)}))
     np.testing.assert_array_equal(found["late"], found.time > 1.0)
+
+
+@KINDS
+def test_a_run_that_never_starts_leaves_no_file(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(BgError):
+        run(make_program({"x": (0.0, unary("sqrt", const(-1.0) + 0.0 * var("x")))}), tmp_path / f"run{kind}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fails_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: object, times: object, values: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(CsvSink, "write", full)
+    with pytest.raises(BgError) as caught:
+        run(van_der_pol(), tmp_path / "run.csv")
+    assert code(caught) == "BG619" and "No space left" in caught.value.diagnostics[0].message

@@ -42,13 +42,22 @@ def find_columns(program: Program, names: Iterable[str], report: Reporter) -> tu
         found = _entries(name, program.values, parameters)
         if not found:
             place = Span(Source("<command line>", name), 0, len(name))
-            known = [*program.values, *parameters]
-            report.add(NO_VARIABLE, f"model `{program.model}` has no variable `{name}`", place, helps=did_you_mean(name, known))
+            helps = did_you_mean(name, _near(name, (*program.values, *parameters)))
+            report.add(NO_VARIABLE, f"model `{program.model}` has no variable `{name}`", place, helps=helps)
         for scalar, value in found.items():
             if scalar != "time":
                 columns[scalar] = Column(scalar, value, units.get(scalar, ""))
     report.stop_if_errors()
     return tuple(columns.values())
+
+
+def _near(name: str, known: Iterable[str]) -> list[str]:
+    """The names worth comparing: a large model has so many that comparing all would take seconds."""
+    everything = list(known)
+    if len(everything) <= 3000:
+        return everything
+    last = name.rpartition(".")[2]
+    return [other for other in everything if other[:3] == name[:3] and abs(len(other) - len(name)) <= 3 or other.endswith(last)][:3000]
 
 
 def _entries(name: str, values: Mapping[str, Expr], parameters: frozenset[str]) -> dict[str, Expr]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.expr import Expr, evaluate, leaves
 from bgdsl.ir.graph import Experiment, Parameter
 from bgdsl.ir.native import parameter_names
-from bgdsl.ir.program import Program
+from bgdsl.ir.program import Program, read
 from bgdsl.simulate.methods import DEFAULT, METHODS
 from bgdsl.source import Source, Span
 
@@ -35,6 +35,8 @@ Value = float | Sequence[Any]
 DEFAULT_STOP = 1.0
 DEFAULT_TOLERANCE = 1e-6
 DEFAULT_POINTS = 500
+FINEST = 5000
+"""A model that is driven from outside takes at least DEFAULT_POINTS steps in a run; the grid may ask for up to this many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,8 @@ class Options:
     """A run, settled. Times in seconds. `parameters`: all scalar parameters in order (`ir.native.parameter_names`).
 
     variables: what to record (None: the outputs). tolerance of the projection onto invariants: `drift`, relative.
-    inputs: a file or arrays by name (with `time`). experiment: "" where none is used.
+    inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing,
+    bounded in models that time or inputs drive.
     """
 
     experiment: str
@@ -93,7 +96,22 @@ def resolve_options(
     options = _settled(chosen, settings, parameters)
     _check(options, report)
     report.stop_if_errors()
+    if settings.max_step is None and _is_driven(program):
+        options = replace(options, max_step=_longest_step(options))
     return options
+
+
+def _is_driven(program: Program) -> bool:
+    """Whether the states are moved by functions of time or by inputs."""
+    roots = [*program.derivatives, *(value for step in program.needed(program.derivatives) for value in read(step))]
+    return bool(program.inputs) or any(True for _ in leaves(roots, "time"))
+
+
+def _longest_step(options: Options) -> float:
+    """The recording interval, within limits: an integrator that sees its first steps undisturbed would otherwise grow them beyond
+    what drives the model, and step over a pulse, or from zero to zero of a sine."""
+    span = options.stop - options.start
+    return min(max(options.interval, span / FINEST), span / DEFAULT_POINTS)
 
 
 def _said(text: str) -> Span:

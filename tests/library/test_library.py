@@ -55,3 +55,11 @@ def test_models_are_formatted_and_read_the_same_again(path: Path):
     report = Reporter()
     text = format_source(read_source(path, report), report)
     assert parse(Source("again", text), report).items == tree(path).items
+
+
+@EACH_FILE
+def test_the_page_lists_every_model_with_its_description(path: Path):
+    page = (Path(__file__).parent.parent.parent / "docs" / "library.md").read_text("utf-8")
+    assert f"## `{'.'.join(path.relative_to(LIBRARY).with_suffix('').parts)}`" in page
+    items = [item for item in tree(path).items if isinstance(item, ast.Model | ast.ShortFunction)]
+    assert [item.name for item in items if f"| `{item.name}` | {item.comment} |" not in page] == []

@@ -451,15 +451,26 @@ def rewrite(roots: Iterable[Expr], done: dict[Expr, Expr]) -> tuple[Expr, ...]:
 
 
 def evaluate(
-    root: Expr, values: Mapping[str, float] | None = None, *, time: float = 0.0, tables: Mapping[str, Table] | None = None
+    root: Expr,
+    values: Mapping[str, float] | None = None,
+    *,
+    time: float = 0.0,
+    tables: Mapping[str, Table] | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> float:
     """The number that `root` is, given the values of its `param` and `var` leaves by name.
 
-    KeyError for a leaf without value, ArithmeticError or ValueError outside a function's domain.
+    A parameter and a variable may share a name (`drive.e`): then `parameters` holds those of parameters; without it `values`
+    serves both. KeyError for a leaf without value, ArithmeticError or ValueError outside a function's domain.
     """
     known: dict[Expr, float] = {}
+    values = values or {}
+    parameters = values if parameters is None else parameters
     for node in topological((root,)):
-        known[node] = _value(node, [known[arg] for arg in node.args], values or {}, time, tables or {})
+        if node.op == "param":
+            known[node] = parameters[node.data]
+        else:
+            known[node] = _value(node, [known[arg] for arg in node.args], values, time, tables or {})
     return known[root]
 
 
@@ -467,7 +478,7 @@ def _value(node: Expr, args: list[float], values: Mapping[str, float], time: flo
     match node.op:
         case "const":
             return float(node.data)
-        case "param" | "var":
+        case "var":
             return values[node.data]
         case "time":
             return time

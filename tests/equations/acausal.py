@@ -109,12 +109,12 @@ def solve_acausal(
     slopes = [_gradient(e, number) for e in equations]
     z = np.zeros(len(names))
     for _ in range(60):
-        known = {**parameters, **states, **dict(zip(names, z.tolist(), strict=True))}
-        residual = np.array([evaluate(e, known, time=time, tables=graph.tables) for e in equations])
+        known = {**states, **dict(zip(names, z.tolist(), strict=True))}
+        residual = np.array([evaluate(e, known, time=time, tables=graph.tables, parameters=parameters) for e in equations])
         matrix = np.zeros((len(equations), len(names)))
         for i, row in enumerate(slopes):
             for j, value in row.items():
-                matrix[i, j] = evaluate(value, known, time=time, tables=graph.tables)
+                matrix[i, j] = evaluate(value, known, time=time, tables=graph.tables, parameters=parameters)
         change, *_ = np.linalg.lstsq(matrix, residual, rcond=1e-12)
         z = z - change
         if np.max(np.abs(change), initial=0.0) < 1e-12 * (1.0 + np.max(np.abs(z), initial=0.0)):
@@ -131,7 +131,7 @@ def residual_of(graph, values, direct, x, known):  # type: ignore[no-untyped-def
     for equation in acausal_equations(graph):
         names = {node.data for node in topological((equation,)) if node.op == "var"}
         filled = {n: known[n] if n in known else direct.value(values[n], x) for n in names}
-        yield evaluate(equation, {**known, **filled}, tables=graph.tables)
+        yield evaluate(equation, {**known, **filled}, tables=graph.tables, parameters=direct.parameters)
 
 
 def _gradient(root: Expr, number: Mapping[str, int]) -> dict[int, Expr]:

@@ -20,13 +20,13 @@ class Direct:
 
     def initial_state(self) -> np.ndarray:
         """The initial state, initial equations solved."""
-        known = dict(self.parameters)
+        known: dict[str, float] = {}
         self._run(self.program.initial_steps, known, 0.0)
         return np.array([self._value(start, known, 0.0) for start in self.program.starts])
 
     def variables(self, x: Sequence[float], t: float = 0.0, roots: Iterable[Expr] | None = None) -> dict[str, float]:
-        """Every variable of the steps that the roots (by default: all steps) need, beside states and parameters."""
-        known = dict(self.parameters) | {r.name: float(v) for r, v in zip(self.program.states, x, strict=True)}
+        """Every variable of the steps that the roots (by default: all steps) need, states included."""
+        known = {r.name: float(v) for r, v in zip(self.program.states, x, strict=True)}
         self._run(self.program.steps if roots is None else self.program.needed(roots), known, t)
         return known
 
@@ -51,7 +51,7 @@ class Direct:
         return outer if full.shape[0] == n else outer - full[:n, n:] @ np.linalg.solve(full[n:, n:], full[n:, :n])
 
     def _value(self, root: Expr, known: Mapping[str, float], t: float) -> float:
-        return evaluate(root, known, time=t, tables=self.program.tables)
+        return evaluate(root, known, time=t, tables=self.program.tables, parameters=self.parameters)
 
     def _run(self, steps: Iterable[Step], known: dict[str, float], t: float) -> None:
         for step in steps:

@@ -9,7 +9,7 @@ Reports      nothing: a term whose change cannot be written stays, with the reas
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,7 +26,7 @@ from bgdsl.reductions.documents import document
 from bgdsl.reductions.flat_text import everything, flat_text
 from bgdsl.reductions.plan import Plan, plan
 from bgdsl.reductions.source_map import SourceMap, UnwritableError
-from bgdsl.reductions.specialise import specialise
+from bgdsl.reductions.specialise import specialise, term_mark
 from bgdsl.reductions.two_ports import write_split
 from bgdsl.source import Edit
 
@@ -149,7 +149,7 @@ def _written(
 ) -> Rewrite:
     texts = SourceMap(library, scalar.graph)
     writer = Writer(texts)
-    comments = term_comments(scalar, report)
+    comments = {term.index: term_mark(term.index) for term in scalar.terms}
     bonds = port_bonds(scalar)
     read = owners(read_names(scalar.graph))
     kinds = {term.index: scalar.junctions[term.junction].kind for term in scalar.terms}
@@ -166,12 +166,12 @@ def _written(
         terms[removal.element.origin.path] += removal.terms
     for name in task.junctions:
         writer.remove_junction(name)
-    variants = specialise(texts, writer.edits, terms)
+    variants = specialise(texts, writer.edits, terms, describing(report))
     text = document(texts, variants, provenance.annotation(), folder, more)
     specialised = {v.name: v.unit.model.name for v in variants if v.renamed}
     forward: dict[str, str | None] = {removal.element.name: None for removal in task.removals if removal.gone}
     forward |= dict.fromkeys(task.junctions)
-    return Rewrite(text, _changes(scalar, task, comments), forward, specialised, dict(taken_back))
+    return Rewrite(text, _changes(scalar, task, term_comments(scalar, report)), forward, specialised, dict(taken_back))
 
 
 def _changes(scalar: ScalarGraph, task: Plan, comments: Mapping[int, str]) -> tuple[Change, ...]:
@@ -193,6 +193,22 @@ def term_comments(scalar: ScalarGraph, report: ActivityReport) -> dict[int, str]
         for term in junction.terms:
             comments[term.index] = f"dropped at {junction.name}: {what} of {term.name}, rho = {percent(term.rho)}"
     return comments
+
+
+def describing(report: ActivityReport) -> Callable[[list[tuple[str, int]]], str]:
+    """How the comment on a term is made that several instances of a class may share: names within the class, the range of rho."""
+    found = {term.index: (junction, term) for junction in report.junctions for term in junction.terms}
+
+    def describe(instances: list[tuple[str, int]]) -> str:
+        path, first = instances[0]
+        junction, term = found[first]
+        rhos = [found[t][1].rho for _, t in instances]
+        low, high = percent(min(rhos)), percent(max(rhos))
+        where, name = (text.removeprefix(f"{path}.") if path else text for text in (junction.name, term.name))
+        shown = low if low == high else f"{low} to {high}"
+        return f"dropped at {where}: {'effort' if junction.kind == 1 else 'flow'} of {name}, rho = {shown}"
+
+    return describe
 
 
 def percent(rho: float) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError
@@ -31,6 +31,8 @@ class Variant:
     first: str
     changed: bool
     name: str = ""
+    said: list[tuple[str, list[int]]] = field(default_factory=list)
+    """For each instance, the terms that its comments are about, in the order of the text."""
 
     @property
     def renamed(self) -> bool:
@@ -48,7 +50,21 @@ class Variants:
         return (variant for variants in self.of.values() for variant in variants)
 
 
-def specialise(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], terms: Mapping[str, Iterable[int]]) -> Variants:
+Describe = Callable[[list[tuple[str, int]]], str]
+"""The comment on one dropped term of a class, from (instance, term) of each instance."""
+
+TERM = re.compile("\x00(\\d+)\x01")
+"""Stands in an edit for the comment on a term until it is known which instances share the text."""
+
+
+def term_mark(term: int) -> str:
+    """The mark of a term in a comment."""
+    return f"\x00{term}\x01"
+
+
+def specialise(
+    texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], terms: Mapping[str, Iterable[int]], describe: Describe
+) -> Variants:
     """The variants that the edits ask for. terms: the dropped terms written in each instance, for what cannot be written."""
     children: dict[str, list[str]] = defaultdict(list)
     for path in texts.instances:
@@ -69,7 +85,20 @@ def specialise(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits]
                 order[unit.key].append(variant)
     result = Variants(found["", texts.class_of("").key], dict(order))
     _name_all(result, texts)
+    for variant in known.values():
+        variant.edits = tuple(_described(variant, describe))
     return result
+
+
+def _described(variant: Variant, describe: Describe) -> Iterator[Edit]:
+    """The edits with their comments written out."""
+    position = 0
+    for edit in variant.edits:
+        pieces = TERM.split(edit.text)
+        for k in range(1, len(pieces), 2):
+            pieces[k] = describe([(path, said[position]) for path, said in variant.said])
+            position += 1
+        yield Edit(edit.span, "".join(pieces))
 
 
 def _variant(
@@ -97,13 +126,14 @@ def _variant(
     bases = {id(clause): found[path, base.key] for clause, base in texts.bases(unit)}
     key = (
         unit.key,
-        tuple((edit.span.start, edit.span.end, edit.text) for edit in own),
+        tuple((edit.span.start, edit.span.end, TERM.sub("", edit.text)) for edit in own),
         tuple(sorted((d, id(v)) for d, v in parts.items())),
         tuple(sorted((c, id(v)) for c, v in bases.items())),
     )
     if key not in known:
         changed = bool(own) or any(v.changed for v in (*parts.values(), *bases.values()))
         known[key] = Variant(unit, own, parts, bases, path, changed)
+    known[key].said.append((path, [int(t) for edit in own for t in TERM.findall(edit.text)]))
     return known[key]
 
 

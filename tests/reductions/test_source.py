@@ -1,0 +1,193 @@
+"""Classes, files, arrays and layout in reduced source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from driving import condition, measure
+
+from bgdsl import pipeline
+from bgdsl.ir.rewrite import Rewrite
+
+PART = """// A mass on a spring, with a drag that may be weak.
+model Cell "mass, spring and drag"
+  open J1 v;
+  parameter Real drag = 1e-7;
+  I mass(I = 1);   C spring(k = 4);
+  R air(R = drag)  "drag";  // hardly felt
+equation
+  v -> mass, spring;
+  v -> air;
+end Cell;
+"""
+
+
+def reduced(text: str, threshold: float = 0.01, **more: float) -> tuple[pipeline.Model, Rewrite]:
+    model = pipeline.loads(text)
+    report = measure(model, stop=3.0, interval=0.1, tolerance=1e-8, **more)
+    return model, condition(model, report, threshold)[0]
+
+
+def recompiled(text: str) -> pipeline.Model:
+    model = pipeline.loads(text)
+    model.check()
+    return model
+
+
+def test_a_class_whose_instances_change_alike_is_edited_in_place() -> None:
+    model, result = reduced(
+        f"""{PART}
+model Pair
+  Cell a(mass(f(start = 1)));
+  Cell b(mass(f(start = 2)));
+  C tie(k = 1);  J0 f;
+equation
+  a.v -> f;  f -> b.v;  f -> tie;
+end Pair;
+"""
+    )
+    assert not result.flat
+    assert "model Cell " in result.text
+    assert result.text.count("model Cell") == 1
+    assert "R air" not in result.text
+    assert "// A mass on a spring, with a drag that may be weak." in result.text
+    assert result.forward["a.air"] is None
+    assert recompiled(result.text).program.sizes is not None
+    assert model.source != result.text
+
+
+def test_a_class_whose_instances_differ_is_copied_under_a_clear_name() -> None:
+    _, result = reduced(
+        f"""{PART}
+model Pair
+  Cell a(mass(f(start = 1)));
+  Cell b(mass(f(start = 2)), drag = 1) "strong drag";
+  Cell c(mass(f(start = 2)));
+  C tie(k = 1);  J0 f;  C bind(k = 1);  J0 g;
+equation
+  a.v -> f;  f -> b.v;  f -> tie;  b.v -> g;  g -> c.v;  g -> bind;
+end Pair;
+"""
+    )
+    assert not result.flat
+    assert result.specialised == {"Cell_a": "Cell"}  # `c` shares the copy made for `a`
+    assert "  Cell_a a(mass(f(start = 1)));" in result.text
+    assert '  Cell b(mass(f(start = 2)), drag = 1) "strong drag";' in result.text
+    assert "  Cell_a c(mass(f(start = 2)));" in result.text
+    again = recompiled(result.text)
+    assert {e.name for e in again.graph.elements} >= {"b.air"}
+    assert "a.air" not in {e.name for e in again.graph.elements}
+
+
+def test_an_array_whose_elements_change_alike_keeps_its_class() -> None:
+    _, result = reduced(
+        f"""{PART}
+model Row
+  Cell cell[3](mass(f(start = {{1, 2, 3}})));
+  C tie[2](each k = 1);  J0 f[2];
+equation
+  for i in 1:2 loop
+    cell[i].v -> f[i];  f[i] -> cell[i + 1].v;  f[i] -> tie[i];
+  end for;
+end Row;
+"""
+    )
+    assert not result.flat
+    assert "R air" not in result.text
+    assert "Cell cell[3](mass(f(start = {1, 2, 3})));" in result.text
+    recompiled(result.text)
+
+
+def test_a_cut_in_a_loop_is_written_out_turn_by_turn() -> None:
+    _, result = reduced(
+        """model Fan
+  J1 hub;  I wheel(I = 1e3, f(start = 1));  C coil(k = 1e3);
+  J0 rim[3];  C soft[3](k = {1, 100, 100});  J1 far[3];  I bob[3](I = {1e-3, 0.1, 0.1});
+equation
+  hub -> wheel, coil;
+  for i in 1:3 loop
+    hub -> rim[i];
+    rim[i] -> soft[i], far[i];  far[i] -> bob[i];
+  end for;
+end Fan;
+""",
+        0.005,
+        max_step=0.01,
+    )
+    assert not result.flat
+    assert "hub_rim_1" in result.text
+    again = recompiled(result.text)
+    assert len(again.program.states) == len(pipeline.loads(result.text).program.states)
+
+
+def test_what_a_class_cannot_say_is_written_flat() -> None:
+    _, result = reduced(
+        f"""{PART}
+model Row
+  Cell cell[2](mass(f(start = {{1, 2}})), drag = {{1e-7, 1}});
+  C tie(k = 1);  J0 f;
+equation
+  cell[1].v -> f;  f -> cell[2].v;  f -> tie;
+end Row;
+"""
+    )
+    assert result.flat
+    assert result.reasons
+    names = {e.name for e in recompiled(result.text).graph.elements}
+    assert "cell_2_air" in names
+    assert "cell_1_air" not in names
+
+
+def test_files_beside_the_model_are_copied_in(tmp_path: Path) -> None:
+    (tmp_path / "cells.bg").write_text(PART, "utf-8")
+    main = "import cells.Cell;\n\nmodel One\n  Cell a(mass(f(start = 1)));\n  J0 f;  C tie(k = 1);\nequation\n  a.v -> f;  f -> tie;\nend One;\n"
+    (tmp_path / "one.bg").write_text(main, "utf-8")
+    model = pipeline.load(tmp_path / "one.bg")
+    result, _ = condition(model, measure(model, stop=3.0, interval=0.1, tolerance=1e-8), 0.01)
+    assert not result.flat
+    assert "import" not in result.text
+    assert "// A mass on a spring" in result.text
+    assert str(tmp_path) not in result.text
+    (tmp_path / "away").mkdir()
+    (tmp_path / "away" / "reduced.bg").write_text(result.text, "utf-8")
+    pipeline.load(tmp_path / "away" / "reduced.bg").check()
+
+
+def test_unchanged_library_classes_stay_imported() -> None:
+    text = """import mechanics.translational.Spring;
+import mechanics.translational.{Mass, Damper};
+
+model Osc
+  Mass a(m = 1, v0 = 1);  Spring s(k = 10);  Damper weak(d = 1e-7);
+equation
+  a.v -> s.a;
+end Osc;
+"""
+    try:
+        model = pipeline.loads(text)
+        model.check()
+    except Exception:
+        pytest.skip("the library has other names")
+    result, _ = condition(model, measure(model, stop=3.0, interval=0.1), 0.01)
+    assert "import mechanics.translational.Spring;" in result.text
+
+
+def test_asserted_names_and_strokes_survive() -> None:
+    _, result = reduced(
+        """model Named
+  J1 a;  I ma(I = 100, f(start = 1));  C ka(k = 1e4);
+  J0 f;  C kb(k = 10);  J1 b;  I mb(I = 0.01);
+  output Real force = pull.e "what b feels";
+equation
+  a -> ma, ka;
+  pull: a -> f;
+  f -> kb, b;  b -> mb;
+end Named;
+""",
+        0.02,
+    )
+    assert not result.flat
+    assert "pull: " in result.text
+    again = recompiled(result.text)
+    assert [record.name for record, _ in again.program.outputs] == ["force"]

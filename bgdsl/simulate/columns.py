@@ -57,7 +57,7 @@ def _near(name: str, known: Iterable[str]) -> list[str]:
     if len(everything) <= 3000:
         return everything
     last = name.rpartition(".")[2]
-    return [other for other in everything if other[:3] == name[:3] and abs(len(other) - len(name)) <= 3 or other.endswith(last)][:3000]
+    return [other for other in everything if (other[:3] == name[:3] and abs(len(other) - len(name)) <= 3) or other.endswith(last)][:3000]
 
 
 def _entries(name: str, values: Mapping[str, Expr], parameters: frozenset[str]) -> dict[str, Expr]:

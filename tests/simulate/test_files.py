@@ -127,7 +127,7 @@ def test_inputs_come_back_at_least_to_third_order(kind: str, tmp_path: Path) -> 
 def test_inputs_from_arrays(method: str) -> None:
     driven = make_program({"x": (0.0, var("u") + 2.0 * var("w"))}, inputs=("u", "w"))
     time = np.linspace(0, 2, 41)
-    found = run(driven, method=method, inputs={"time": time, "u": time**2, "w": np.ones(41)})
+    found = run(driven, method=method, rtol=1e-8, atol=1e-8, inputs={"time": time, "u": time**2, "w": np.ones(41)})
     assert found["x"][-1] == pytest.approx(8 / 3 + 4, rel=1e-6)
     np.testing.assert_allclose(found["u"], found.time**2, atol=1e-12)
 

@@ -154,7 +154,7 @@ def ours(n: int, *, nonlinear: bool = False) -> dict[str, float]:
     assert np.count_nonzero(out) == 1 and abs(out).max() == 1.0, "only the last mass is pushed"
     mark("native jacobian")
     stages = {name: end - start for (_, start), (name, end) in itertools.pairwise(marks)}
-    return {"seconds": marks[-1][1] - marks[0][1], "states": len(x), "equations": program.sizes["equations"], **stages}
+    return {"seconds": marks[-1][1] - marks[0][1], "states": len(x), "size": program.sizes["equations"], **stages}
 
 
 def theirs(n: int) -> dict[str, float]:
@@ -186,7 +186,7 @@ def one(which: str, n: int) -> None:
     print(json.dumps(found))
 
 
-NOT_STAGES = ("seconds", "MiB", "states", "equations")
+NOT_STAGES = ("seconds", "MiB", "states", "size")
 
 
 def main() -> None:
@@ -227,10 +227,10 @@ def compare(sizes: list[int], limit: int) -> None:
             f"{n:>6} {mine['seconds']:>9.2f} {other['seconds']:>9.2f} {ratio:>7.1f} {other['load']:>7.2f} {mine['MiB']:>6.0f}   {stages}",
             flush=True,
         )
-    n = 5000 * sizes[0] // max(1, round(measured("ours", sizes[0])["equations"]))
+    n = 5000 * sizes[0] // max(1, round(measured("ours", sizes[0])["size"]))
     mine = measured("nonlinear", n)
     stages = ", ".join(f"{name} {value:.2f}" for name, value in mine.items() if name not in NOT_STAGES)
-    print(f"nonlinear, {mine['equations']:.0f} equations: {mine['seconds']:.2f} s, {mine['MiB']:.0f} MiB   {stages}")
+    print(f"nonlinear, {mine['size']:.0f} equations: {mine['seconds']:.2f} s, {mine['MiB']:.0f} MiB   {stages}")
     (first, least), (last, most) = found[0], found[-1]
     if last > first:
         print(f"growth from {first} to {last}: exponent {math.log(most / least) / math.log(last / first):.2f}")

@@ -1,6 +1,6 @@
 """How fast the engine compiles and runs; every ratio is of two numbers measured in this one run.
 
-    python benchmarks/engine_speed.py
+    python benchmarks/engine_speed.py [--write]
 
 - from text to machine code of right-hand side and Jacobian, with an empty cache and with a warm one, each in a process of its own
 - the machine-code right-hand side against the engine written by hand in C (engine_reference.c, compiled by gcc -O3)
@@ -10,9 +10,11 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -24,6 +26,7 @@ from typing import Any
 import numpy as np
 
 import bgdsl
+from bgdsl.expr import const
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "engine"))
@@ -109,20 +112,64 @@ def run_time(system: Any, method: str) -> tuple[float, int]:
     return best, steps
 
 
-def main() -> None:
+def shares(system: Any) -> list[tuple[str, float]]:
+    """Where the seconds of a run go: counted calls times their measured cost; what is left over is the solver's own."""
+    run = system.simulate("balanced")
+    statistics, native = run.statistics, system.native
+    x, none = run.trajectory.states[len(run.time) // 2].copy(), np.empty(0)
+
+    def seconds(kernel: Any) -> float:
+        out = np.empty(kernel.size)
+        return min(_seconds(lambda: [kernel(0.0, x, none, out) for _ in range(500)]) for _ in range(5)) / 500
+
+    trivial = seconds(native.evaluator([const(0.0)]))  # what a call from Python costs
+
+    def cost(kernel: Any) -> float:
+        return seconds(kernel) - trivial
+
+    parts = [
+        (f"right-hand side, {statistics.rhs_calls} calls", statistics.rhs_calls * cost(native.rhs)),
+        (f"Jacobian, {statistics.jacobian_calls} calls", statistics.jacobian_calls * cost(native.jacobian)),
+    ]
+    rest = statistics.wall_time - sum(seconds for _, seconds in parts)
+    return [*parts, (f"CVODE, {statistics.factorisations} factorisations, substitutions, recording", rest)]
+
+
+def measured() -> list[tuple[str, str]]:
+    """The lines of the report: what, and how much."""
     path = ROOT / "models" / "engine.bg"
     cold, warm = start_times(path, "Engine")
-    print(f"text to machine code     {cold:8.2f} s   again with a warm cache {warm:.2f} s")
+    lines = [("text to machine code", f"{cold:.2f} s; again, with a warm cache, {warm:.2f} s")]
     system = bgdsl.load(path, model="Engine").compile()
     if shutil.which("gcc"):
         ours, by_hand = rhs_times(system)
-        print(f"right-hand side          {ours:8.2f} us  by hand in C {by_hand:.2f} us   ratio {ours / by_hand:.2f}")
+        lines.append(("right-hand side", f"{ours:.2f} us; by hand in C {by_hand:.2f} us: ratio {ours / by_hand:.2f}"))
     default, steps = run_time(system, "cvode-bdf")
-    print(f"1 s balanced, cvode-bdf  {default:8.2f} s   {steps} steps   {1 / default:.1f} times real time")
+    lines.append(("1 s balanced, cvode-bdf", f"{default:.2f} s, {steps} steps: {1 / default:.1f} times real time"))
     adams, steps = run_time(system, "vode-adams")
-    print(f"1 s balanced, vode-adams {adams:8.2f} s   {steps} steps   {adams / default:.1f} times slower")
-    ideal, steps = run_time(bgdsl.load(ROOT / "models" / "engine_ideal.bg").compile(), "cvode-bdf")
-    print(f"1 s, ideal joints        {ideal:8.2f} s   {steps} steps   {default / ideal:.1f} times faster than with springs")
+    lines.append(("1 s balanced, vode-adams", f"{adams:.2f} s, {steps} steps: {adams / default:.1f} times as long"))
+    ideal = bgdsl.load(ROOT / "models" / "engine_ideal.bg", model="EngineIdeal").compile()
+    seconds, steps = run_time(ideal, "cvode-bdf")
+    lines.append(("1 s balanced, ideal joints", f"{seconds:.2f} s, {steps} steps: {default / seconds:.1f} times as fast as with springs"))
+    for name, compiled in (("springs", system), ("ideal joints", ideal)):
+        whole = shares(compiled)
+        total = sum(seconds for _, seconds in whole)
+        lines += [(f"{name}: {label}", f"{100 * seconds / total:.0f} %") for label, seconds in whole]
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="put the table into docs/engine.md")
+    write = parser.parse_args().write
+    lines = measured()
+    for label, value in lines:
+        print(f"{label:80s} {value}")
+    if write:
+        page = ROOT / "docs" / "engine.md"
+        table = "\n".join(["| | |", "|---|---|", *(f"| {label} | {value} |" for label, value in lines)])
+        text = re.sub(r"(<!-- speed -->\n).*?(<!-- end -->)", lambda m: f"{m[1]}{table}\n{m[2]}", page.read_text("utf-8"), flags=re.DOTALL)
+        page.write_text(text, "utf-8")
 
 
 if __name__ == "__main__":

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bgdsl.version import VERSION as __version__
+from bgdsl.version import VERSION
+
+__version__ = VERSION
 
 
 if TYPE_CHECKING:
-    from bgdsl.pipeline import Model, System, load, loads
+    from bgdsl.api import Model, Run, System, load, loads
 
-__all__ = ["Model", "System", "__version__", "load", "loads"]
+__all__ = ["Model", "Run", "System", "__version__", "load", "loads"]
 
 
 def __getattr__(name: str) -> Any:
-    """What `bgdsl.pipeline` offers, loaded when first asked for, so that importing the package costs nothing."""
+    """What `bgdsl.api` offers, loaded when first asked for, so that importing the package costs nothing."""
     if name in __all__:
-        from bgdsl import pipeline
+        from bgdsl import api
 
-        return getattr(pipeline, name)
+        return getattr(api, name)
     raise AttributeError(f"module 'bgdsl' has no attribute '{name}'")

@@ -74,6 +74,11 @@ def loads(
     return _front(Source(name, text), model, search, overrides, Reporter())
 
 
+def load_source(source: Source, model: str | None = None, *, search: Sequence[str | Path] = ()) -> Model:
+    """As `load`, from a text at hand; imports are looked for beside the source's path."""
+    return _front(source, model, search, None, Reporter())
+
+
 def load_library(source: Source, search: Sequence[str | Path], report: Reporter) -> Library:
     """The file and everything that it imports."""
     library = load_modules(source, tuple(Path(folder) for folder in search), parse, report)

@@ -5,12 +5,14 @@ Exit status: 0 done; 1 done, and something was found; 2 could not be done.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
 
 def main() -> None:
     """The console script. Never ends in a traceback for a user's mistake; `--debug` shows it."""
+    gc.disable()  # trees and graphs are long-lived, and looking through them for cycles costs more than compiling them
     from bgdsl.cli.app import run
 
     try:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,9 +15,12 @@ from bgdsl.cli import console
 from bgdsl.cli.app import app
 
 if TYPE_CHECKING:
-    from bgdsl.reduce import Measured, Partitioned
+    from bgdsl.accuracy import Comparison
+    from bgdsl.reduce import Measured, Partitioned, Reduced
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
+MaxError = Annotated[str | None, typer.Option("--max-error", metavar="E", help="Find the smallest model with output errors up to E (8%).")]
+Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
 Guard = Annotated[bool, typer.Option("--guard/--no-guard", help="Keep a term whose rms effort (flow) is above the threshold all the same.")]
 
 
@@ -93,6 +98,8 @@ def condition(
     file: arg.File,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", help="Where to write the conditioned model.")],
     threshold: Threshold = None,
+    max_error: MaxError = None,
+    outputs: Outputs = None,
     model: arg.ModelName = None,
     experiment: arg.ExperimentName = None,
     set_: arg.Set = None,
@@ -109,13 +116,64 @@ def condition(
     from bgdsl import reduce
     from bgdsl.cli.files import write
 
-    if threshold is None:
-        raise typer.BadParameter("say what may fall: --threshold 0.3%, or --max-error 8%", param_hint="--threshold")
-    eps = arg.fraction(threshold, "--threshold")
+    if (threshold is None) == (max_error is None):
+        raise typer.BadParameter("say what may fall: either --threshold 0.3% or --max-error 8%", param_hint="--threshold")
+    eps = arg.fraction(threshold, "--threshold") if threshold else 0.0
+    allowed = arg.fraction(max_error, "--max-error") if max_error else None
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
+    if allowed is not None:
+        return _searched(found, allowed, output, arg.names(outputs), guard, force, format)
     reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
     write(output, reduced.source, ours=_is_reduced, force=force)
-    console.out(f"{output}: {len(reduced.decision.dropped)} terms dropped of {len(found.model.scalar.terms)}")
+    _told(reduced, output, format)
+    return 0
+
+
+def _told(reduced: Reduced, output: Path, format: arg.Format) -> None:
+    decision, report, scalar = reduced.decision, reduced.report, reduced.measured.model.scalar
+    records = report.by_index()
+    names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
+
+    def listed(terms: Iterable[int]) -> list[dict[str, Any]]:
+        return [{"junction": names[t], "term": records[t].name, "rho": records[t].rho} for t in sorted(terms)]
+
+    if format is arg.Format.JSON:
+        document = {"model": report.model, "output": str(output), "threshold": decision.threshold, "terms": len(scalar.terms)}
+        kept = [{**entry, "reason": k.reason} for k in decision.kept for entry in listed([k.term])]
+        console.out_json({**document, "dropped": listed(decision.dropped), "reinstated": listed(decision.reinstated), "kept": kept})
+        return
+    console.out(f"{output}: {len(decision.dropped)} of {len(scalar.terms)} terms dropped at {100 * decision.threshold:g} %")
+    if decision.reinstated:
+        back = ", ".join(records[t].name for t in decision.reinstated)
+        console.out(f"taken back, since a junction would have been left undetermined: {back}")
+    for reason in reduced.rewrite.reasons:
+        console.message(f"written as one flat model: {reason}")
+
+
+def _searched(
+    found: Measured, allowed: float, output: Path, outputs: tuple[str, ...] | None, guard: bool, force: bool, format: arg.Format
+) -> int:
+    from bgdsl.accuracy import smallest
+    from bgdsl.cli.files import write
+
+    result = smallest(found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name)
+    best = result.search.best
+    text = result.reduced.source if result.reduced is not None else found.model.source
+    write(output, text, ours=_is_reduced, force=force)
+    if format is arg.Format.JSON:
+        models = [asdict(candidate) for candidate in result.search.tried]
+        level = None if best is None else best.threshold
+        console.out_json({"model": found.model.name, "output": str(output), "max_error": allowed, "best": level, "models": models})
+        return 0
+    full = result.full
+    lines = [("full", "0", str(full.states), "0", f"{full.seconds:.3g}", "")]
+    for candidate in result.search.tried:
+        mark = "<- written" if candidate is best else ""
+        numbers = (f"{100 * candidate.threshold:.4g} %", str(candidate.dropped), str(candidate.states), f"{100 * candidate.error:.3g} %")
+        lines.append((*numbers, f"{candidate.seconds:.3g}", mark))
+    console.out(console.table(("threshold", "dropped", "states", "error", "seconds", ""), lines, right=range(5)))
+    if best is None:
+        console.message(f"no reduction stays within {100 * allowed:g} %: the full model was written")
     return 0
 
 
@@ -176,3 +234,105 @@ def _misses(result: Partitioned, eps: float) -> str:
         head += f"; it would come apart at {100 * result.found.apart_at:.3g} %"
     rows = [(m.junction, m.name, f"{100 * m.rho:.4g} %") for m in result.found.misses]
     return head + ("\n\n" + console.table(("junction", "term", "rho"), rows, right=(2,)) if rows else "")
+
+
+Full = Annotated[Path, typer.Argument(metavar="FULL", help="The full model's file.", show_default=False)]
+ReducedFiles = Annotated[list[Path], typer.Argument(metavar="REDUCED...", help="Reduced files, folders of partitions.", show_default=False)]
+ReducedFile = Annotated[Path, typer.Argument(metavar="REDUCED", help="What `condition` or `partition` wrote.", show_default=False)]
+ShaftName = Annotated[str | None, typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order.")]
+Cycles = Annotated[int, typer.Option("--cycles", min=1, help="With --shaft: how many cycles at the end of the run.")]
+Revolutions = Annotated[float, typer.Option("--revolutions", min=0.01, help="With --shaft: revolutions of a cycle.")]
+Harmonics = Annotated[int, typer.Option("--harmonics", min=0, help="How many harmonics of each output.")]
+FullFile = Annotated[Path | None, typer.Option("--full", metavar="FILE", help="The full model; otherwise looked for near REDUCED.")]
+
+
+def _given(**settings: Any) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if value is not None}
+
+
+@app.command()
+def compare(
+    full: Full,
+    reduced: ReducedFiles,
+    experiment: arg.ExperimentName = None,
+    set_: arg.Set = None,
+    outputs: Outputs = None,
+    shaft: ShaftName = None,
+    cycles: Cycles = 4,
+    revolutions: Revolutions = 2.0,
+    harmonics: Harmonics = 3,
+    window: arg.Window = None,
+    stop: arg.Stop = None,
+    interval: arg.Interval = None,
+    tolerance: arg.Tolerance = None,
+    method: arg.Method = None,
+    path: arg.Search = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Compare reduced models with the full one: means, harmonics, errors, cost."""
+    from bgdsl import accuracy, reduce
+
+    settings = _given(stop=stop, interval=interval, tolerance=tolerance, method=method)
+    of_interest, span = arg.names(outputs), arg.window(window)
+    with console.progress("comparing") as progress:
+        scenario = reduce.Scenario(experiment, arg.settings(set_), settings, progress)
+        whole = accuracy.play(full, scenario, search_in=path or ())
+        small = [accuracy.play(file, scenario, search_in=path or ()) for file in reduced]
+        comparisons = [
+            accuracy.compare(
+                whole, one, outputs=of_interest, window=span, harmonics=harmonics, shaft=shaft, cycles=cycles, revolutions=revolutions
+            )
+            for one in small
+        ]
+    if format is arg.Format.JSON:
+        console.out_json({"full": whole.cost(), "reduced": [comparison.as_dictionary() for comparison in comparisons]})
+    else:
+        console.out("\n\n".join(_comparison(comparison) for comparison in comparisons))
+    return 0
+
+
+def _comparison(comparison: Comparison) -> str:
+    full, reduced = comparison.full, comparison.reduced
+    costs = [(p.name, str(p.states), str(p.equations), str(p.steps), str(p.rhs_calls), f"{p.seconds:.3g}") for p in (full, reduced)]
+    rows: list[tuple[str, ...]] = []
+    for output in comparison.outputs:
+        errors = (f"{100 * output.nrms:.3g} %", f"{100 * output.peak:.3g} %")
+        rows.append((output.name, "mean", f"{output.mean[0]:.5g}", f"{output.mean[1]:.5g}", "", *errors))
+        for one, other in output.harmonics:
+            where = f"{one.frequency:.4g} Hz" if one.order is None else f"order {one.order:g}"
+            change = f"{100 * (other.amplitude / one.amplitude - 1):+.3g} %" if one.amplitude else ""
+            rows.append(("", where, f"{one.amplitude:.5g}", f"{other.amplitude:.5g}", change, "", ""))
+    cost = console.table(("model", "states", "equations", "steps", "rhs calls", "seconds"), costs, right=range(1, 6))
+    header = ("output", "", "full", "reduced", "change", "rms error", "peak error")
+    return f"{cost}\n\n{console.table(header, rows, right=range(2, 7))}"
+
+
+@app.command()
+def verify(
+    reduced: ReducedFile,
+    full: FullFile = None,
+    experiment: arg.ExperimentName = None,
+    set_: arg.Set = None,
+    window: arg.Window = None,
+    stop: arg.Stop = None,
+    tolerance: arg.Tolerance = None,
+    method: arg.Method = None,
+    path: arg.Search = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Run the full model again, under other conditions, and say which dropped terms matter there; status 1 if any does."""
+    from bgdsl import accuracy, reduce
+
+    settings = _given(stop=stop, tolerance=tolerance, method=method, window=arg.window(window))
+    with console.progress("verifying") as progress:
+        scenario = reduce.Scenario(experiment, arg.settings(set_), settings, progress)
+        found = accuracy.verify_reduced(reduced, scenario, full=full, search_in=path or ())
+    if format is arg.Format.JSON:
+        console.out_json(found.as_dictionary())
+    elif not found.terms:
+        console.out(f"{found.reduced} holds for {found.now}: every dropped term stays below {100 * found.threshold:g} %")
+    else:
+        rows = [(t.junction, t.name, f"{100 * t.old:.3g} %", f"{100 * t.new:.3g} %", t.place) for t in found.terms]
+        console.out(f"{found.reduced} does not hold for {found.now}; to reinstate:\n")
+        console.out(console.table(("junction", "term", "old rho", "new rho", ""), rows, right=(2, 3)))
+    return int(bool(found.terms))

@@ -1,0 +1,360 @@
+"""What a reduction costs and saves: full against reduced, again under other conditions, and the smallest model that is good enough."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bgdsl import pipeline
+from bgdsl.diagnostics import BgError, Code, Reporter
+from bgdsl.pipeline import Model
+from bgdsl.reduce import Measured, Reduced, Scenario, condition, measure, partition
+from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output
+from bgdsl.reductions.search import Candidate, Search, search
+from bgdsl.reductions.verify import Reinstated, verify
+from bgdsl.source import Source, Span
+from bgdsl.syntax import ast
+from bgdsl.syntax.parser import parse, read_source
+
+if TYPE_CHECKING:
+    from bgdsl.simulate.result import Run
+
+NOT_REDUCED = Code("BG740", "a file was not written by a reduction")
+FULL_CHANGED = Code("BG741", "the full model is not the one that was reduced")
+NO_FULL = Code("BG742", "the full model of a reduced file is not found")
+NOTHING_TO_COMPARE = Code("BG743", "two models have no output in common")
+
+PLAYBACK_POINTS = 20_000
+"""A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """A model as it was run: its signals by name, its size and its cost (s, right-hand side calls, steps)."""
+
+    name: str
+    time: Any
+    signals: Mapping[str, Any]
+    units: Mapping[str, str]
+    states: int
+    equations: int
+    seconds: float
+    rhs_calls: int
+    steps: int
+
+    def cost(self) -> dict[str, Any]:
+        return {
+            "model": self.name,
+            "states": self.states,
+            "equations": self.equations,
+            "seconds": self.seconds,
+            "rhs_calls": self.rhs_calls,
+            "steps": self.steps,
+        }
+
+
+def play(path: Path, scenario: Scenario, *, model: str | None = None, search_in: Sequence[Path] = ()) -> Played:
+    """Run a `.bg` file, or the partitions of a folder one after the other, each on the recorded signals of those before."""
+    if path.is_dir():
+        return _play_partitions(path, scenario, search_in)
+    return played(path.name, pipeline.load(path, model, search=search_in), scenario)
+
+
+def played(name: str, model: Model, scenario: Scenario, wanted: Sequence[str] | None = None) -> Played:
+    """Run one model and keep its outputs (its states where it has none)."""
+    settings = dict(scenario.settings or {})
+    if wanted is not None:
+        settings["vars"] = wanted
+    system = model.compile()
+    run = system.simulate(scenario.experiment, scenario.parameters, progress=scenario.progress, **settings)
+    return _as_played(name, model, run)
+
+
+def _as_played(name: str, model: Model, run: Run) -> Played:
+    trajectory, sizes = run.trajectory, model.sizes()
+    signals = dict(zip(trajectory.names, trajectory.values.T, strict=True))
+    units = dict(zip(trajectory.names, trajectory.units, strict=True))
+    cost = run.statistics
+    return Played(name, run.time, signals, units, sizes["states"], sizes["equations"], cost.wall_time, cost.rhs_calls, cost.steps)
+
+
+def _play_partitions(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> Played:
+    """The union of the partitions' outputs, under the names of the full model where `partition.json` tells them."""
+    import numpy as np
+
+    document = json.loads((folder / "partition.json").read_text("utf-8"))
+    record: dict[str, Any] = {}
+    parts: list[Played] = []
+    for entry in document["partitions"]:
+        model = pipeline.load(folder / entry["file"], search=search_in)
+        settings = dict(scenario.settings or {})
+        if entry["inputs"]:
+            settings["inputs"] = {"time": record["time"], **{name: record[name] for name in entry["inputs"]}}
+        system = model.compile()
+        if entry["outputs"]:
+            stop = system.options(scenario.experiment, {}, pipeline.settings_of(settings, None)[0]).stop
+            settings["interval"] = min(settings.get("interval") or math.inf, stop / PLAYBACK_POINTS)
+        known = {p for parameter in model.graph.parameters for p in (parameter.name, *parameter.scalars())}
+        changes = {name: value for name, value in (scenario.parameters or {}).items() if name in known}
+        run = system.simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
+        part = _as_played(entry["file"], model, run)
+        record.setdefault("time", part.time)
+        record |= {name: np.interp(record["time"], part.time, values) for name, values in part.signals.items()}
+        parts.append(part)
+    longest = max(parts, key=lambda part: len(part.time))
+    signals = {name: np.interp(longest.time, part.time, values) for part in parts for name, values in part.signals.items()}
+    units = {name: unit for part in parts for name, unit in part.units.items()}
+    total = replace(longest, name=folder.name, signals=signals, units=units)
+    return replace(
+        total,
+        states=sum(part.states for part in parts),
+        equations=sum(part.equations for part in parts),
+        seconds=sum(part.seconds for part in parts),
+        rhs_calls=sum(part.rhs_calls for part in parts),
+        steps=sum(part.steps for part in parts),
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------- compare
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A reduced model beside the full one."""
+
+    full: Played
+    reduced: Played
+    outputs: tuple[OutputComparison, ...]
+
+    @property
+    def worst(self) -> float:
+        """The largest normalised RMS error of an output."""
+        return max((output.nrms for output in self.outputs), default=0.0)
+
+    def as_dictionary(self) -> dict[str, Any]:
+        return {**self.reduced.cost(), "nrms": self.worst, "outputs": [output.as_dictionary() for output in self.outputs]}
+
+
+def compare(
+    full: Played,
+    reduced: Played,
+    *,
+    outputs: Sequence[str] | None = None,
+    window: tuple[float, float] | None = None,
+    harmonics: int = 3,
+    shaft: str | None = None,
+    cycles: int = 4,
+    revolutions: float = 2.0,
+) -> Comparison:
+    """Output by output, over the window, at the full run's times. shaft: the name of an output that is a shaft's angle (rad)."""
+    import numpy as np
+
+    names = [name for name in full.signals if name in reduced.signals and (outputs is None or name in _spread(full, outputs))]
+    start, stop = window or (full.time[0], full.time[-1])
+    inside = (full.time >= start) & (full.time <= min(stop, reduced.time[-1]))
+    time = full.time[inside]
+    if not names or len(time) < 2:
+        place = Span(Source("<command line>", reduced.name), 0, len(reduced.name))
+        Reporter().fail(
+            NOTHING_TO_COMPARE,
+            f"`{full.name}` and `{reduced.name}` have no output in common over the window",
+            place,
+            notes=(f"the full model has {', '.join(list(full.signals)[:8])}", f"the reduced one {', '.join(list(reduced.signals)[:8])}"),
+        )
+    shafts = None
+    if shaft is not None:
+        angles = [np.interp(time, played.time, played.signals[shaft]) for played in (full, reduced)]
+        shafts = Shaft(angles[0], cycles, revolutions), Shaft(angles[1], cycles, revolutions)
+    rows = [
+        compare_output(
+            name,
+            full.units.get(name, ""),
+            time,
+            full.signals[name][inside],
+            _at(time, reduced, name),
+            harmonics=harmonics,
+            shafts=shafts,
+        )
+        for name in names
+        if name != shaft
+    ]
+    return Comparison(full, reduced, tuple(rows))
+
+
+def _spread(full: Played, outputs: Sequence[str]) -> set[str]:
+    return {name for name in full.signals for wanted in outputs if name == wanted or name.startswith(f"{wanted}[")}
+
+
+def _at(time: Any, played: Played, name: str) -> Any:
+    import numpy as np
+
+    if len(played.time) > 4 and not np.array_equal(played.time, time) and np.all(np.diff(played.time) > 0):
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(played.time, played.signals[name])(time)
+    return np.interp(time, played.time, played.signals[name])
+
+
+# ---------------------------------------------------------------------------------------------------------------- verify
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """terms: those that would have to come back, largest first; measured: the full model now."""
+
+    reduced: str
+    full: str
+    threshold: float
+    then: str
+    now: str
+    terms: tuple[Reinstated, ...]
+
+    def as_dictionary(self) -> dict[str, Any]:
+        return {
+            "reduced": self.reduced,
+            "full": self.full,
+            "threshold": self.threshold,
+            "then": self.then,
+            "now": self.now,
+            "reinstate": [
+                {"junction": t.junction, "term": t.name, "old_rho": t.old, "new_rho": t.new, "place": t.place} for t in self.terms
+            ],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What the annotation of a reduced file says."""
+
+    kind: str
+    source: str
+    digest: str
+    experiment: str | None
+    window: tuple[float, float] | None
+    threshold: float
+    span: Span
+
+
+def provenance_of(path: Path) -> Provenance:
+    """The annotation of a reduced file. BgError (BG740) where it has none."""
+    report = Reporter()
+    source = read_source(path, report)
+    report.stop_if_errors()
+    for item in parse(source, report).items:
+        for inner in item.items if isinstance(item, ast.Model) else ():
+            if isinstance(inner, ast.Annotation) and (found := _provenance(inner)) is not None:
+                return found
+    where = Span(source, 0, min(1, len(source.text)))
+    report.fail(
+        NOT_REDUCED, f"`{path.name}` carries no annotation of a reduction", where, helps=("name a file that `bgc condition` wrote",)
+    )
+
+
+def _provenance(annotation: ast.Annotation) -> Provenance | None:
+    for argument in annotation.arguments:
+        if isinstance(argument, ast.Modifier) and argument.name.text in ("conditioned", "partition"):
+            said = {m.name.text: m.value for m in argument.nested if isinstance(m, ast.Modifier)}
+            source, digest, experiment, window = (said.get(key) for key in ("source", "sha256", "experiment", "window"))
+            threshold = said.get("threshold")
+            times = [n.value for n in window.items if isinstance(n, ast.Number)] if isinstance(window, ast.Array) else []
+            if isinstance(source, ast.String) and isinstance(digest, ast.String) and isinstance(threshold, ast.Number):
+                return Provenance(
+                    argument.name.text,
+                    source.value,
+                    digest.value,
+                    experiment.value if isinstance(experiment, ast.String) else None,
+                    (times[0], times[1]) if len(times) == 2 else None,
+                    threshold.value,
+                    annotation.span,
+                )
+    return None
+
+
+def full_model_of(path: Path, origin: Provenance, full: Path | None) -> Path:
+    """Where the full model is: as said, else a file of that name beside the reduced one or in a folder above. BG742 if nowhere,
+    BG741 if its text is not the one that was reduced."""
+    folders = [path.resolve().parent, *path.resolve().parent.parents]
+    found = full or next((folder / origin.source for folder in folders if (folder / origin.source).is_file()), None)
+    report = Reporter()
+    if found is None:
+        report.fail(
+            NO_FULL,
+            f"`{origin.source}`, from which this file was made, is neither beside it nor in a folder above",
+            origin.span,
+            helps=("say where it is: `--full FILE`",),
+        )
+    source = read_source(found, report)
+    report.stop_if_errors()
+    if source.digest != origin.digest:
+        report.fail(
+            FULL_CHANGED,
+            f"`{found.name}` has changed since this file was made from it",
+            origin.span,
+            helps=("reduce it anew with `bgc condition`",),
+        )
+    return found
+
+
+def verify_reduced(path: Path, scenario: Scenario, *, full: Path | None = None, search_in: Sequence[Path] = ()) -> Verification:
+    """Run the full model again in another scenario and tell which dropped terms matter there."""
+    origin = provenance_of(path)
+    source = full_model_of(path, origin, full)
+    model = pipeline.load(source, search=search_in)
+    settings = {"window": origin.window} if origin.window else {}
+    then = measure(model, Scenario(origin.experiment, None, settings, scenario.progress))
+    now = measure(model, scenario)
+    if origin.kind == "partition":
+        decision = partition(then, origin.threshold).found.decision
+    else:
+        decision = condition(then, origin.threshold, folder=path.parent).decision
+    terms = verify(decision, then.report, now.report)
+    told = ", ".join([scenario.experiment or "the model as it is", *(f"{k}={v}" for k, v in (scenario.parameters or {}).items())])
+    return Verification(path.name, source.name, origin.threshold, origin.experiment or "the model as it is", told, terms)
+
+
+# ---------------------------------------------------------------------------------------------------------------- search
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """The smallest model within the error, None where no reduction is; and every model tried, from full to smallest."""
+
+    reduced: Reduced | None
+    search: Search
+    full: Played
+
+
+def smallest(
+    measured: Measured,
+    allowed: float,
+    *,
+    guard: bool = True,
+    outputs: Sequence[str] | None = None,
+    folder: Path | None = None,
+    file: str = "reduced.bg",
+) -> Searched:
+    """Search for the smallest conditioned model whose outputs of interest have normalised RMS errors of at most `allowed`."""
+    model, scenario = measured.model, measured.scenario
+    full = played(model.name, model, scenario, outputs)
+    made: dict[float, Reduced] = {}
+    scenario = replace(scenario, parameters=None)  # changed parameters are the reduced model's defaults
+
+    def attempt(threshold: float) -> Candidate:
+        reduced = condition(measured, threshold, guard=guard, folder=folder)
+        made[threshold] = reduced
+        dropped = len(reduced.decision.dropped)
+        try:
+            small = pipeline.load_source(Source(file, reduced.source, (folder or Path()) / file), model.name)
+            run = played(file, small, scenario, outputs)
+            comparison = compare(full, run, window=measured.report.window)
+        except BgError:
+            return Candidate(threshold, dropped, 0, math.inf, math.inf)
+        return Candidate(threshold, dropped, run.states, comparison.worst, run.seconds)
+
+    found = search(measured.report, allowed, attempt)
+    best = made[found.best.threshold] if found.best is not None else None
+    return Searched(best, found, full)

@@ -44,6 +44,7 @@ __all__ = [
     "topological",
     "unary",
     "var",
+    "variables",
 ]
 
 
@@ -407,6 +408,23 @@ def topological(roots: Iterable[Expr], done: Container[Expr] = ()) -> Iterator[E
             elif node not in seen:
                 seen.add(node)
                 yield node
+
+
+def variables(roots: Iterable[Expr]) -> list[str]:
+    """The names of the variables under the roots, each once, in the order in which they are met from left to right."""
+    seen: set[Expr] = set()
+    names: list[str] = []
+    stack = [*roots][::-1]
+    while stack:
+        node = stack.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        if node.args:
+            stack += node.args[::-1]
+        elif node.op == "var":
+            names.append(node.data)
+    return names
 
 
 def leaves(roots: Iterable[Expr], op: str = "var") -> Iterator[Expr]:

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Literal
 
 from bgdsl.collecting import uncollected
-from bgdsl.expr import Expr, Table, leaves
+from bgdsl.expr import Expr, Table, leaves, variables
 from bgdsl.ir.graph import Check, Experiment, Origin, Parameter
 
 
@@ -159,12 +159,12 @@ class Program:
 
 def needed(steps: Sequence[Step], roots: Iterable[Expr]) -> tuple[Step, ...]:
     """Those of the steps that the roots need, in order."""
-    wanted = {leaf.data for leaf in leaves(roots)}
+    wanted = set(variables(roots))
     kept: list[Step] = []
     for step in reversed(steps):
         if not wanted.isdisjoint(defined(step)):
             kept.append(step)
-            wanted |= {leaf.data for leaf in leaves(read(step))}
+            wanted.update(variables(read(step)))
     return tuple(reversed(kept))
 
 

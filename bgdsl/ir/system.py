@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from bgdsl.expr import Expr, leaves
+from bgdsl.expr import Expr, variables
 from bgdsl.ir.graph import BondGraph, Origin, SignalEquation
 from bgdsl.ir.values import Values
 
@@ -110,4 +110,4 @@ def derivative_name(variable: str) -> str:
 def incidence(equations: Iterable[Equation], unknowns: Sequence[str]) -> list[list[int]]:
     """For each equation the numbers of the unknowns that it reads, the assigned one first."""
     number = {name: j for j, name in enumerate(unknowns)}
-    return [[number[leaf.data] for leaf in leaves((e.left, e.right)) if leaf.data in number] for e in equations]
+    return [[number[name] for name in variables((e.left, e.right)) if name in number] for e in equations]

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import ZERO, Expr, add, const, leaves, substitute, var
+from bgdsl.expr import ZERO, Expr, add, const, leaves, substitute, var, variables
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.elements import KINDS, component
 from bgdsl.ir.graph import Bond, BondGraph, Element, Law, Origin, SignalEquation
@@ -211,7 +211,7 @@ def _element(work: _Work, element: Element, terms: list[Term]) -> None:
 
 def _turn(work: _Work, element: Element, law: Law, left: Expr, right: Expr, outputs: dict[str, None]) -> None:
     """State a law solved for the one output it reads; left open where it reads several, or where no formula is known."""
-    wanted = [leaf.data for leaf in leaves((left, right)) if leaf.data in outputs]
+    wanted = [name for name in variables((left, right)) if name in outputs]
     value = solve_for(left, right, var(wanted[0]), work.moduli.can_vanish) if len(wanted) == 1 else None
     if isinstance(value, Refusal) and value.several:
         _refuse(work, element, law, wanted[0], value)
@@ -266,17 +266,13 @@ def _start(work: _Work, element: Element, i: int) -> Expr | None:
     given = {var(letter): value for letter, value in element.starts.items()}
     for law in element.laws:
         left, right = (work.values.close(side) for side in substitute((law.left, law.right), given))
-        if set(_variables(left, right)) == {name}:
+        if variables((left, right)) == [name]:
             value = solve_for(left, right, var(name), work.moduli.can_vanish)
             if isinstance(value, Expr):
                 return value
     co_energy = element.ports[0].variable(element.name, "f" if KINDS[element.kind].state == "p" else "e", i)
     work.initial.append(SignalEquation(var(co_energy), element.starts[co_energy], element.origin))
     return None
-
-
-def _variables(*roots: Expr) -> Iterator[str]:
-    return (leaf.data for leaf in leaves(roots))
 
 
 # -------------------------------------------------------------------------------------------------------------- signals

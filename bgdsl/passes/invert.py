@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bgdsl.expr import ONE, ZERO, Expr, add, const, linear_parts, topological, unary
+from bgdsl.expr import ONE, ZERO, Expr, add, const, linear_parts, unary, variables
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ def solve_for(left: Expr, right: Expr, wanted: Expr, can_vanish: Callable[[Expr]
 
 
 def reads(root: Expr, wanted: Expr) -> bool:
-    """Whether the leaf stands anywhere in the expression."""
-    return any(node is wanted for node in topological((root,)))
+    """Whether the variable `wanted` stands anywhere in the expression."""
+    return not root.is_const and wanted.data in variables((root,))
 
 
 def divide(a: Expr, b: Expr) -> Expr:

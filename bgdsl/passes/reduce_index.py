@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import ONE, ZERO, Expr, add, partials, topological, var
+from bgdsl.expr import ONE, ZERO, Expr, add, partials, topological, var, variables
 from bgdsl.ir.elements import KINDS
 from bgdsl.ir.graph import Element
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name, incidence
@@ -184,7 +184,7 @@ def _is_singular(system: EquationSystem) -> bool:
 
 
 def _reads_any(equation: Equation, names: Container[str]) -> bool:
-    return any(node.op == "var" and node.data in names for node in topological((equation.left, equation.right)))
+    return any(name in names for name in variables((equation.left, equation.right)))
 
 
 # -------------------------------------------------------------------------------------------------------- differentiation

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import Expr, topological, var
+from bgdsl.expr import Expr, topological, var, variables
 from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, incidence
 from bgdsl.passes.blocks import strong_components
 from bgdsl.passes.invert import solve_for
@@ -65,7 +65,7 @@ def _block(system: EquationSystem, component: Sequence[int], matching: Matching,
     kept = [e for e in equations if e.assigned in own]
     open_equations = [e for e in equations if e.assigned not in own]
     at = {e.assigned: k for k, e in enumerate(kept)}
-    reads = [[k for leaf in _variables(e.right) if (k := at.get(leaf)) is not None] for e in kept]
+    reads = [[k for leaf in variables((e.right,)) if (k := at.get(leaf)) is not None] for e in kept]
     torn, order = tear(reads)
     assigned = {e.assigned for e in kept}
     torn_names = [*(str(kept[k].assigned) for k in torn), *(name for name in unknowns if name not in assigned)]
@@ -87,10 +87,6 @@ def _single(equation: Equation, unknown: str, moduli: Moduli) -> Block:
     if isinstance(value, Expr):
         return Block((Equation(var(unknown), value, unknown, equation.element, equation.origin),), (unknown,))
     return Block((equation,), (unknown,), (unknown,), _is_linear((), (equation,), (unknown,)))
-
-
-def _variables(root: Expr) -> Iterable[str]:
-    return (node.data for node in topological((root,)) if node.op == "var")
 
 
 def _is_linear(inner: Iterable[Equation], residuals: Iterable[Equation], torn: Iterable[str]) -> bool:

@@ -5,6 +5,7 @@ Reports      BG615 an input has no signal, BG616 the record cannot be used, BG61
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +41,11 @@ class InputSignals:
     @property
     def count(self) -> int:
         return int(self.coefficients.shape[2]) if self.coefficients.size else 0
+
+    @property
+    def spacing(self) -> float:
+        """The mean time between breakpoints; infinite without inputs."""
+        return float(self.breaks[-1] - self.breaks[0]) / (len(self.breaks) - 1) if self.count else math.inf
 
     def __call__(self, t: float) -> Floats:
         if not self.coefficients.size:

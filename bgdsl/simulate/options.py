@@ -36,7 +36,7 @@ DEFAULT_STOP = 1.0
 DEFAULT_TOLERANCE = 1e-6
 DEFAULT_POINTS = 500
 FINEST = 5000
-"""A model that is driven from outside takes at least DEFAULT_POINTS steps in a run; the grid may ask for up to this many."""
+"""A model that functions of time drive takes at least DEFAULT_POINTS steps in a run; the grid may ask for up to this many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Options:
 
     variables: what to record (None: the outputs). tolerance of the projection onto invariants: `drift`, relative.
     inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing,
-    bounded in models that time or inputs drive.
+    bounded in models that functions of time drive.
     """
 
     experiment: str
@@ -102,9 +102,9 @@ def resolve_options(
 
 
 def _is_driven(program: Program) -> bool:
-    """Whether the states are moved by functions of time or by inputs."""
+    """Whether the states are moved by functions of time."""
     roots = [*program.derivatives, *(value for step in program.needed(program.derivatives) for value in read(step))]
-    return bool(program.inputs) or any(True for _ in leaves(roots, "time"))
+    return any(True for _ in leaves(roots, "time"))
 
 
 def _longest_step(options: Options) -> float:

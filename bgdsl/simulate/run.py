@@ -65,6 +65,7 @@ def simulate(
     program = model.program
     columns = output_columns(program) if options.variables is None else find_columns(program, options.variables, report)
     inputs = input_signals([record.name for record in program.inputs], options.inputs, options.start, options.stop, report)
+    options = replace(options, max_step=min(options.max_step, inputs.spacing))  # not over a pulse that a recording holds
     model.set_parameters(parameter_array(program, options.parameters))
     u0 = dict(zip((record.name for record in program.inputs), inputs(options.start).tolist(), strict=True))
     x0 = start if start is not None else initial_state(program, options.parameters, u0, options.start, report)

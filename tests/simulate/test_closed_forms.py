@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,11 @@ def test_any_variable_can_be_looked_at_after_the_run() -> None:
     found = run(program, stop=1.0, a=5.0)
     np.testing.assert_allclose(found["power"], 15 * found["y"])
     np.testing.assert_allclose(found["a"], 5.0)
+
+
+@EVERY
+def test_a_source_that_is_zero_at_the_start_is_not_stepped_over(method: str) -> None:
+    """y' = cos(w t) - 1 over whole periods: at the start and at the stop nothing seems to happen."""
+    pulse = unary("cos", 20 * math.pi * TIME) - 1.0
+    found = run(make_program({"y": (0.0, pulse)}), method, stop=10.0)
+    np.testing.assert_allclose(found["y"], np.sin(20 * np.pi * found.time) / (20 * np.pi) - found.time, atol=1e-4)

@@ -204,3 +204,11 @@ def test_a_disk_that_fails_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with pytest.raises(BgError) as caught:
         run(van_der_pol(), tmp_path / "run.csv")
     assert code(caught) == "BG619" and "No space left" in caught.value.diagnostics[0].message
+
+
+@pytest.mark.parametrize("method", ["cvode-bdf", "cvode-adams", "rk45", "lsoda"])
+def test_a_short_pulse_of_an_input_is_not_stepped_over(method: str) -> None:
+    driven = make_program({"x": (0.0, var("u") - var("x"))}, inputs=("u",))
+    time = np.linspace(0, 10, 1001)
+    found = run(driven, stop=10.0, method=method, inputs={"time": time, "u": np.where(abs(time - 5.0) < 0.015, 1.0, 0.0)})
+    assert found["x"][500:520].max() == pytest.approx(0.03, rel=0.05)

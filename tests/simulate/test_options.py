@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bgdsl.diagnostics import BgError, Reporter
-from bgdsl.expr import const, param, var
+from bgdsl.expr import TIME, const, param, var
 from bgdsl.ir.graph import Experiment, Parameter
+from bgdsl.ir.program import Program
 from bgdsl.simulate.options import Options, Settings, resolve_options
 from tests.simulate.models import HERE, make_program
 
@@ -90,3 +91,15 @@ def test_several_experiments_need_a_name_or_a_stop_time() -> None:
         resolve_options(program, report=Reporter())
     assert caught.value.diagnostics[0].code.number == "BG610"
     assert resolve_options(program, settings=Settings(stop=3.0), report=Reporter()).experiment == ""
+
+
+def test_what_drives_a_model_bounds_its_steps() -> None:
+    driven = make_program({"x": (0.0, TIME - var("x"))})
+
+    def longest(program: Program, **settings: float) -> float:
+        return resolve_options(program, None, {}, Settings(stop=10.0, **settings), report=Reporter()).max_step
+
+    assert longest(driven) == longest(driven, interval=1.0) == 0.02
+    assert longest(driven, interval=0.005) == 0.005 and longest(driven, interval=1e-6) == 0.002
+    assert longest(driven, max_step=3.0) == 3.0, "what the caller says holds"
+    assert longest(PROGRAM) == float("inf")

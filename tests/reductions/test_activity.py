@@ -80,7 +80,7 @@ def test_a_sinusoid_s_activity_per_period() -> None:
     assert found["c"] == pytest.approx(2 * (7 * 2 / 3) * 2 / 3, rel=1e-6)
 
 
-def test_what_is_no_number_is_refused(lever: pipeline.Model) -> None:
+def test_what_is_no_number_is_refused_as_bg701(lever: pipeline.Model) -> None:
     wanted = integrands(lever.scalar)
     values = [1.0] * len(wanted.expressions)
     values[wanted.power[0] or 0] = math.nan
@@ -88,7 +88,7 @@ def test_what_is_no_number_is_refused(lever: pipeline.Model) -> None:
         activities(lever.scalar, wanted, values, experiment=None, window=(0, 1), report=Reporter())
 
 
-def test_what_is_not_resolved_is_refused(lever: pipeline.Model) -> None:
+def test_what_is_not_resolved_is_refused_as_bg702(lever: pipeline.Model) -> None:
     wanted = integrands(lever.scalar)
     values = [1.0] * len(wanted.expressions)
     with pytest.raises(BgError, match="BG702"):

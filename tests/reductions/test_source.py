@@ -141,7 +141,8 @@ end Row;
 
 def test_files_beside_the_model_are_copied_in(tmp_path: Path) -> None:
     (tmp_path / "cells.bg").write_text(PART, "utf-8")
-    main = "import cells.Cell;\n\nmodel One\n  Cell a(mass(f(start = 1)));\n  J0 f;  C tie(k = 1);\nequation\n  a.v -> f;  f -> tie;\nend One;\n"
+    main = "import cells.Cell;\n\nmodel One\n  Cell a(mass(f(start = 1)));\n  J0 f;  C tie(k = 1);\n"
+    main += "equation\n  a.v -> f;  f -> tie;\nend One;\n"
     (tmp_path / "one.bg").write_text(main, "utf-8")
     model = pipeline.load(tmp_path / "one.bg")
     result, _ = condition(model, measure(model, stop=3.0, interval=0.1, tolerance=1e-8), 0.01)

@@ -12,16 +12,18 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from bgdsl.expr import Expr, topological
 from bgdsl.ir.graph import Origin
-from bgdsl.ir.program import Event, SolveNewton, Step, defined, needed, read
+from bgdsl.ir.program import Event, Record, SolveNewton, Step, defined, needed, read
 from bgdsl.ir.system import State
 
 
-def collect_events(steps: Sequence[Step], roots: Sequence[Expr], states: Iterable[State], inputs: Iterable[str] = ()) -> tuple[Event, ...]:
+def collect_events(
+    steps: Sequence[Step], roots: Sequence[Expr], states: Sequence[State], inputs: Iterable[Record] = ()
+) -> tuple[Event, ...]:
     """The events of the steps that the roots need, and of the roots; `roots` are given with the states' derivatives first."""
     used = needed(steps, roots)
     if not used and not roots:
         return ()
-    moving = {s.name for s in states} | set(inputs)
+    moving = {s.name for s in states} | {r.name for r in inputs}
     moves: dict[Expr, bool] = {}
     found: dict[Expr, Origin] = {}
     for step in used:

@@ -39,6 +39,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
     report.stop_if_errors()
     derivatives = _derivatives(system, steps, known)
     outputs = tuple(_outputs(graph, known))
+    inputs = tuple(_inputs(graph))
     initial_steps = _initial_steps(sorted_system, report)
     report.stop_if_errors()
     return Program(
@@ -49,7 +50,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         tables=graph.tables,
         states=tuple(Record(s.name, s.unit or graph.units.get(s.name, ""), s.comment) for s in system.states),
         starts=_starts(sorted_system),
-        inputs=tuple(_inputs(graph)),
+        inputs=inputs,
         steps=tuple(steps),
         derivatives=derivatives,
         derivative_origins=tuple(s.origin for s in system.states),
@@ -58,7 +59,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         values=system.values,
         differentiate=jacobian,
         initial_steps=initial_steps,
-        events=collect_events(steps, (*derivatives, *(value for _, value in outputs)), system.states),
+        events=collect_events(steps, (*derivatives, *(value for _, value in outputs)), system.states, inputs),
         checks=tuple(replace(c, condition=rewrite((system.values.close(c.condition),), known)[0]) for c in graph.checks),
         invariants=tuple((rewrite((e.left - e.right,), known)[0], e.origin) for e in system.invariants),
         dependent=tuple((name, var(name), start) for name, start in system.dependent.items()),

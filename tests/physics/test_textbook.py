@@ -136,6 +136,13 @@ def _extreme(run, name: str, which) -> tuple[float, float]:  # type: ignore[no-u
     return float(c - b * b / (4 * a)), middle - float(b / (2 * a))
 
 
+def test_lever_eigenvalues() -> None:
+    lever = plant("../../../models/lever_stiff.bg")
+    wanted = [-0.98647 + 31.37389j, -5.06978 + 63.51377j]
+    found = [value for value in lever.eigenvalues() if value.imag > 0]
+    assert sorted(found, key=abs) == pytest.approx(wanted, abs=5e-6)
+
+
 def test_rc_ladder() -> None:
     k = np.arange(1, 11)
     wanted = -2.0 * (1.0 - np.cos((2 * k - 1) * np.pi / 21))

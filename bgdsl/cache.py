@@ -1,4 +1,4 @@
-"""Machine code kept on disk by the digest of what it was made of.
+"""What takes long to make (machine code, splines), kept on disk by the digest of what it was made of.
 
 A file is its content's SHA-256 and the content: whatever is cut short, damaged or unreadable counts as not there. Files are
 written beside their place and renamed, so that concurrent runs see whole files only. The oldest go when the folder grows large.

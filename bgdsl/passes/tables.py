@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import csv
 import math
+import struct
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 
+from bgdsl.cache import keep, recall
 from bgdsl.diagnostics import Code
 from bgdsl.expr import Table
 from bgdsl.passes.parts import Fault
@@ -113,11 +116,24 @@ def make_table(
     if kind == "linear":
         slopes = [(b - a) / (d - c) for a, b, c, d in zip(y, y[1:], x, x[1:], strict=False)]
         return Table(name, tuple(x), (tuple(slopes), tuple(y[:-1])), periodic)
-    from scipy.interpolate import CubicSpline
-
     values = [*y[:-1], y[0]] if periodic else list(y)
-    spline = CubicSpline(x, values, bc_type="periodic" if periodic else "not-a-knot")
-    return Table(name, tuple(x), tuple(tuple(float(c) for c in row) for row in spline.c), periodic)
+    return Table(name, tuple(x), _cubic(tuple(x), tuple(values), periodic), periodic)
+
+
+def _cubic(x: tuple[float, ...], y: tuple[float, ...], periodic: bool) -> tuple[tuple[float, ...], ...]:
+    """The coefficients of the C2 spline, kept on disk: loading SciPy's splines takes longer than the rest of a small model."""
+    packed = struct.pack(f"<{2 * len(x)}d", *x, *y)
+    key = sha256(b"cubic spline 1, %d " % periodic + packed).hexdigest()
+    size = 4 * (len(x) - 1)
+    kept = recall(key)
+    if kept is None or len(kept) != 8 * size:
+        from scipy.interpolate import CubicSpline
+
+        spline = CubicSpline(x, y, bc_type="periodic" if periodic else "not-a-knot")
+        kept = struct.pack(f"<{size}d", *(float(c) for row in spline.c for c in row))
+        keep(key, kept)
+    flat = struct.unpack(f"<{size}d", kept)
+    return tuple(flat[i : i + len(x) - 1] for i in range(0, size, len(x) - 1))
 
 
 def _check(x: Sequence[float], y: Sequence[float], kind: str, periodic: bool, span: Span, rows: Sequence[Span]) -> None:

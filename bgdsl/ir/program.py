@@ -76,8 +76,9 @@ class Sparse:
 class Jacobian:
     """Exact derivatives with solved blocks cut out.
 
-    The columns are the n states, then every variable z of the SolveLinear and SolveNewton steps in order; the rows are the n
-    derivatives, then every residual of those steps in order (A z - b for linear ones). With F the first n rows and G the rest,
+    The columns are the n states, then every variable z of the SolveLinear and SolveNewton steps that the derivatives need
+    (`Program.needed(derivatives)`), in order; the rows are the n derivatives, then every residual of those steps in order (A z - b
+    for linear ones). With F the first n rows and G the rest,
     dxdot/dx = F_x - F_z inv(G_z) G_x; G_z is block lower triangular. Without loops it is F_x, ready to use.
     The entries may read the program's variables.
     """

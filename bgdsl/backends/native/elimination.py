@@ -160,8 +160,9 @@ class _Planner:
 def _blocks(program: Program) -> list[_Block]:
     found: list[_Block] = []
     first = len(program.states)
+    wanted = {id(step) for step in program.needed(program.derivatives)}
     for k, step in enumerate(program.steps):
-        if not isinstance(step, Assign):
+        if not isinstance(step, Assign) and id(step) in wanted:
             found.append(_Block(k, first, len(step.variables), []))
             first += len(step.variables)
     return found

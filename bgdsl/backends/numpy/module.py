@@ -272,7 +272,7 @@ def _jacobian(program: Program, names: Names) -> dict[str, str]:
     speller.run()
     for i, j, value in matrix.entries:
         speller.set(f"J[{i}, {j}]", value)
-    solved = [step for step in program.steps if not isinstance(step, Assign)]
+    solved = [step for step in program.needed(program.derivatives) if not isinstance(step, Assign)]
     blocks = _blocks(program, solved)
     return {
         "jacobian_shape": str(tuple(matrix.shape)),

@@ -77,12 +77,13 @@ def decide(
     dropped: set[int] = set()
     kept: list[Kept] = []
     for junction in report.junctions:
+        guarded = guard and not _held_by_parasites(scalar, junction.index, parasitic)
         for activity in junction.terms:
             term = scalar.terms[activity.index]
             if activity.rho >= threshold or junction.max_activity == 0.0 or term.conjugate.is_zero or not among(term):
                 continue
             reason = "parasitic" if term.index in parasitic else _never(scalar, term, kinds, vanishes)
-            reason = reason or _guarded(activity, threshold, guard)
+            reason = reason or _guarded(activity, threshold, guarded)
             if reason is None:
                 dropped.add(term.index)
             else:
@@ -124,6 +125,12 @@ def _never(scalar: ScalarGraph, term: Term, kinds: Mapping[str, str], vanishes: 
     if term.modulus is not None and divides(scalar, term, kinds) and vanishes(term.modulus):
         return "what took its place would divide by a modulus that can vanish"
     return None
+
+
+def _held_by_parasites(scalar: ScalarGraph, j: int, parasitic: frozenset[int]) -> bool:
+    """Is this a 0-junction of a joint? Its flows are velocities that parasitic stiffness keeps in step, not a store that a small
+    steady flow would fill: the dual of the guard, which is for efforts on what has inertia, has nothing to protect there."""
+    return scalar.junctions[j].kind == 0 and any(t in parasitic for t in scalar.terms_at[j])
 
 
 def _guarded(activity: TermActivity, threshold: float, guard: bool) -> str | None:

@@ -2,7 +2,7 @@
 
 Input        ScalarGraph, ActivityReport, a threshold; how dependencies and partitions are found (callables)
 Output       Partitioning; the text of each partition, and what passes between them
-Establishes  a partition reads earlier ones only; by default only terms on the boundary between partitions are dropped
+Establishes  a partition reads earlier ones only; by default only terms by which a partition feels a later one are dropped
 Reports      nothing: where there is one partition only, `Partitioning.misses` says which terms stand in the way
 """
 
@@ -73,16 +73,10 @@ def find_partitions(
 
 
 def boundary(scalar: ScalarGraph, decision: Decision, found: Partitions, full: Dependencies) -> Decision:
-    """The decision restricted to terms between two partitions, and terms whose modulus reads a later one. full: the
-    dependencies of the whole model."""
+    """The decision restricted to terms by which a partition would feel a later one: the far side's variable, or a modulus that reads
+    it. At the other end of such a bond the term stays, since what drives may be felt. full: dependencies of the whole model."""
     against = {edge.term for edge in full.edges if found.of_node[edge.source] > found.of_node[edge.reader]}
-    between = set()
-    for t in decision.dropped:
-        term = scalar.terms[t]
-        far = scalar.terms[term.other].junction if term.other is not None else term.junction
-        if t in against or found.of_node[term.junction] != found.of_node[far]:
-            between.add(t)
-    return settle(scalar, decision.restricted(frozenset(between)))
+    return settle(scalar, decision.restricted(frozenset(t for t in decision.dropped if t in against)))
 
 
 def _apart(needs: Dependencies, split: Split, holding: Mapping[Edge, Frozen]) -> tuple[Partitions, tuple[Frozen, ...]]:

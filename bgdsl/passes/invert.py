@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from bgdsl.expr import ONE, ZERO, Expr, add, const, linear_parts, unary, variables
+from bgdsl.expr import ONE, ZERO, Expr, add, const, linear_parts, rebuild, unary, variables
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +93,12 @@ def _step(node: Expr, target: Expr, wanted: Expr, can_vanish: Callable[[Expr], b
 
 
 def _undo_product(node: Expr, target: Expr, wanted: Expr, can_vanish: Callable[[Expr], bool]) -> tuple[Expr, Expr] | Refusal | None:
-    factors = _factors(node)
-    held = [factor for factor in factors if reads(factor, wanted)]
-    for factor in factors:
-        if not reads(factor, wanted):
+    factors = _factors(node, wanted)
+    held = [factor for factor, _ in factors if reads(factor, wanted)]
+    for factor, is_below in factors:
+        if is_below and not reads(factor, wanted):
+            target = target * factor
+        elif not reads(factor, wanted):
             if can_vanish(factor):
                 return None
             target = divide(target, factor)
@@ -154,17 +156,37 @@ def _signed_root(target: Expr, power: float) -> Expr:
     return unary("sign", target) * root
 
 
-def _factors(node: Expr) -> list[Expr]:
-    """The factors of a product of products."""
-    found: list[Expr] = []
-    stack = [node]
+def _factors(node: Expr, wanted: Expr) -> list[tuple[Expr, bool]]:
+    """The factors of a product of products, quotients and roots, and whether each stands below the line; those that read `wanted`
+    never do."""
+    found: list[tuple[Expr, bool]] = []
+    stack = [(node, False)]
     while stack:
-        node = stack.pop()
+        node, is_below = stack.pop()
         if node.op == "mul":
-            stack += reversed(node.args)
+            stack += [(arg, is_below) for arg in reversed(node.args)]
+        elif node.op == "div" and not reads(node.args[1], wanted):
+            stack += [(node.args[1], not is_below), (node.args[0], is_below)]
+        elif (parts := _split_root(node, wanted)) is not None:
+            stack += [(part, is_below) for part in parts]
         else:
-            found.append(node)
+            found.append((node, is_below))
     return found
+
+
+def _split_root(node: Expr, wanted: Expr) -> tuple[Expr, Expr] | None:
+    """A root (or power) of c |x| as the root of c times that of |x|, which it is wherever it is real."""
+    if not (node.op == "sqrt" or (node.op == "pow" and node.args[1].is_const)) or not reads(node, wanted):
+        return None
+    inner = _factors(node.args[0], wanted)
+    held = [factor for factor, _ in inner if reads(factor, wanted)]
+    if len(inner) == 1 or len(held) != 1 or held[0].op != "abs":
+        return None
+    rest: Expr = ONE
+    for factor, is_below in inner:
+        if factor is not held[0]:
+            rest = divide(rest, factor) if is_below else rest * factor
+    return rebuild(node, (rest, *node.args[1:])), rebuild(node, (held[0], *node.args[1:]))
 
 
 _INVERSES: Mapping[str, Callable[[Expr], Expr]] = {

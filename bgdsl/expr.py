@@ -5,7 +5,6 @@ subexpressions cost nothing to find, identity is equality, and dictionaries keye
 constructors fold constants and drop neutral terms; they never reorder what the user wrote further than that.
 
 Arrays are NumPy object arrays of `Expr`; they end where flattening ends. Booleans are 1.0 and 0.0.
-sympy is used for inverting single laws only, and only in this module.
 """
 
 from __future__ import annotations
@@ -168,11 +167,6 @@ def add(terms: Iterable[Expr]) -> Expr:
         kept.append(const(total))
     if len(kept) == 1:
         return kept[0]
-    if len(kept) == 2:
-        # a + b and b + a are one node: the order that was there first stays
-        swapped = _table.get(("add", None, (kept[1], kept[0])))
-        if swapped is not None:
-            return swapped
     return _make("add", tuple(kept))
 
 
@@ -221,8 +215,7 @@ def _mul(a: Expr, b: Expr) -> Expr:
         return _mul(a.args[0], b.args[0]) if b.op == "neg" else _neg(_mul(a.args[0], b))
     if b.op == "neg":
         return _neg(_mul(a, b.args[0]))
-    swapped = _table.get(("mul", None, (b, a)))
-    return swapped if swapped is not None else _make("mul", (a, b))
+    return _make("mul", (a, b))  # as written: which of a*b and b*a was there first must not show in what is generated
 
 
 def _div(a: Expr, b: Expr) -> Expr:

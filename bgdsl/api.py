@@ -14,14 +14,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bgdsl import pipeline, reduce
-from bgdsl.accuracy import smallest
-from bgdsl.ir.activity import ActivityReport
+from bgdsl import pipeline
 from bgdsl.pipeline import Value, settings_of
-from bgdsl.reduce import Partitioned, Reduced, Scenario
 from bgdsl.simulate.result import Run as PlainRun
+
+if TYPE_CHECKING:
+    from bgdsl.ir.activity import ActivityReport
+    from bgdsl.reduce import Partitioned, Reduced, Scenario
 
 
 def load(
@@ -48,6 +49,8 @@ def _wrapped(model: pipeline.Model) -> Model:
 
 
 def _scenario(experiment: str | None, parameters: Mapping[str, Any] | None, more: Mapping[str, Any]) -> Scenario:
+    from bgdsl.reduce import Scenario
+
     settings, changes = settings_of(more, parameters)
     given = {name: value for name, value in more.items() if name not in changes}
     assert settings is not None
@@ -66,6 +69,8 @@ class Model(pipeline.Model):
 
     def activity(self, experiment: str | None = None, parameters: Mapping[str, Any] | None = None, **more: Any) -> ActivityReport:
         """Every term's activity along a run."""
+        from bgdsl import reduce
+
         return reduce.measure(self, _scenario(experiment, parameters, more)).report
 
     def condition(
@@ -84,6 +89,9 @@ class Model(pipeline.Model):
 
         ValueError unless exactly one of the two is given, or where no reduction stays within the error.
         """
+        from bgdsl import reduce
+        from bgdsl.accuracy import smallest
+
         if (threshold is None) == (max_error is None):
             raise ValueError("give either threshold or max_error")
         measured = reduce.measure(self, _scenario(experiment, parameters, more))
@@ -108,6 +116,8 @@ class Model(pipeline.Model):
         **more: Any,
     ) -> Partitioned:
         """The model taken apart at a threshold; `.files` is empty where it holds together."""
+        from bgdsl import reduce
+
         measured = reduce.measure(self, _scenario(experiment, parameters, more))
         return reduce.partition(measured, threshold, conditioned=conditioned, guard=guard, stem=stem or self.name.lower())
 
@@ -132,6 +142,8 @@ class Run(PlainRun):
 
     @cached_property
     def _activity(self) -> ActivityReport:
+        from bgdsl import reduce
+
         return reduce.measure(self._source, self._scenario).report
 
     def activity(self) -> ActivityReport:

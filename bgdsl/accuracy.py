@@ -300,8 +300,12 @@ def full_model_of(path: Path, origin: Provenance, full: Path | None) -> Path:
 
 
 def verify_reduced(path: Path, scenario: Scenario, *, full: Path | None = None, search_in: Sequence[Path] = ()) -> Verification:
-    """Run the full model again in another scenario and tell which dropped terms matter there."""
+    """Run the full model again in another scenario and tell which dropped terms matter there.
+
+    A scenario that names no experiment is that of the reduction, with its changes.
+    """
     origin = provenance_of(path)
+    scenario = replace(scenario, experiment=scenario.experiment or origin.experiment)
     source = full_model_of(path, origin, full)
     model = pipeline.load(source, search=search_in)
     settings = {"window": origin.window} if origin.window else {}

@@ -38,7 +38,8 @@ def out_json(document: object) -> None:
 
 
 def message(text: str) -> None:
-    """Something said beside the result."""
+    """Something said beside the result, after what the result has so far: the two streams may be one file."""
+    sys.stdout.flush()
     sys.stderr.write(text if text.endswith("\n") else text + "\n")
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,7 +26,7 @@ def test(
     path: arg.Search = None,
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
-    """Run the tests in .bg files; status 1 if one fails."""
+    """Run the tests in .bg files; status 1 if one fails, 2 if one could not be carried out."""
     from bgdsl.testing.runner import collect, run_file
 
     outcomes: list[Outcome] = []
@@ -38,34 +40,63 @@ def test(
         outcomes += found
         if format is arg.Format.TEXT:
             for outcome in found:
-                mark = "passed" if outcome.passed else "ERROR " if outcome.error else "FAILED"
-                console.out(f"{mark}  {outcome.file}: {outcome.name}  ({outcome.seconds:.2f} s)")
-                console.diagnostics(outcome.findings)
-    failed = sum(not outcome.passed for outcome in outcomes)
+                _tell(outcome)
     if format is arg.Format.JSON:
-        console.out_json(_document(outcomes))
+        console.out_json(_document(outcomes, unreadable))
     else:
-        console.out(f"{len(outcomes) - failed} passed, {failed} failed")
-    console.diagnostics(unreadable)
-    return 2 if unreadable else int(failed > 0)
+        console.diagnostics(unreadable)
+        console.out(_total(outcomes))
+    if unreadable or any(outcome.error for outcome in outcomes):
+        return 2
+    return int(not all(outcome.passed for outcome in outcomes))
 
 
-def _document(outcomes: Sequence[Outcome]) -> dict[str, object]:
+def _tell(outcome: Outcome) -> None:
+    console.out(f"{_mark(outcome)}  {outcome.file}: {outcome.name}  ({outcome.seconds:.2f} s)")
+    console.diagnostics(outcome.findings)
+
+
+def _mark(outcome: Outcome) -> str:
+    return "passed" if outcome.passed else "ERROR " if outcome.error else "FAILED"
+
+
+def _total(outcomes: Sequence[Outcome]) -> str:
+    if not outcomes:
+        return "no tests"
+    errors = sum(outcome.error for outcome in outcomes)
+    passed = sum(outcome.passed for outcome in outcomes)
+    text = f"{passed} passed, {len(outcomes) - passed - errors} failed"
+    return text + (f", {errors} could not be carried out" if errors else "")
+
+
+def _document(outcomes: Sequence[Outcome], unreadable: Sequence[Diagnostic]) -> dict[str, object]:
+    errors = sum(outcome.error for outcome in outcomes)
+    passed = sum(outcome.passed for outcome in outcomes)
     return {
-        "passed": sum(outcome.passed for outcome in outcomes),
-        "failed": sum(not outcome.passed for outcome in outcomes),
+        "passed": passed,
+        "failed": len(outcomes) - passed - errors,
+        "errors": errors,
         "tests": [
             {
                 "file": str(outcome.file),
                 "name": outcome.name,
                 "passed": outcome.passed,
+                "error": outcome.error,
                 "seconds": outcome.seconds,
-                "findings": [_finding(d) for d in outcome.findings],
+                "findings": [_finding(d, outcome) for d in outcome.findings],
             }
             for outcome in outcomes
         ],
+        "unreadable": [_finding(d, None) for d in unreadable],
     }
 
 
-def _finding(d: Diagnostic) -> dict[str, str]:
-    return {"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text}
+def _finding(d: Diagnostic, outcome: Outcome | None) -> dict[str, Any]:
+    worst = outcome.worst.get(d) if outcome else None
+    point = {"worst": {key: _finite(number) for key, number in asdict(worst).items()}} if worst else {}
+    return {"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text, **point}
+
+
+def _finite(number: float | None) -> float | None:
+    """JSON has no infinity and nothing that is not a number: null stands for them."""
+    return number if number is not None and math.isfinite(number) else None

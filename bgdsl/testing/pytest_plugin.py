@@ -1,9 +1,13 @@
-"""pytest plugin: `.bg` files that hold `test` blocks are collected like Python test files; each block is one test."""
+"""pytest plugin: with `bg_tests = true` in its configuration, pytest collects `.bg` files that hold `test` blocks; each block is one test.
+
+Without that line it does nothing, and imports nothing of the compiler.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,29 +23,48 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class BgFile(pytest.File):
-    """A `.bg` file; its tests are run together when the first is asked for, since they share what is parsed."""
+    """A `.bg` file with its test blocks."""
 
     def collect(self) -> Iterator[pytest.Item]:
-        from bgdsl.diagnostics import Reporter
+        from bgdsl.diagnostics import BgError, Reporter, render
         from bgdsl.syntax import ast
         from bgdsl.syntax.parser import parse, read_source
 
         report = Reporter()
-        for item in parse(read_source(self.path, report), report).items:
-            if isinstance(item, ast.Test):
-                yield BgTest.from_parent(self, name=item.name)
+        try:
+            tree = parse(read_source(self.path, report), report)
+            report.stop_if_errors()
+        except BgError as error:
+            raise self.CollectError(render(error.diagnostics)) from None
+        tests = [item for item in tree.items if isinstance(item, ast.Test)]
+        for number, test in enumerate(tests):
+            yield BgTest.from_parent(self, name=test.name, number=number, line=test.span.line)
+
+
+class FailedTestError(Exception):
+    """A test block that did not pass; the message is what `bgc test` would print."""
 
 
 class BgTest(pytest.Item):
-    """One `test` block."""
+    """One `test` block: the file's `number`th, from 0, which begins on `line`."""
+
+    def __init__(self, *, number: int, line: int, **more: Any):
+        super().__init__(**more)
+        self.number, self.line = number, line
 
     def runtest(self) -> None:
-        from bgdsl.diagnostics import render
-        from bgdsl.testing.runner import run_file
+        from bgdsl.diagnostics import BgError, render
+        from bgdsl.testing.runner import run_test
 
-        (outcome,) = (o for o in run_file(self.path, only=self.name) if o.name == self.name)
+        try:
+            outcome = run_test(self.path, self.number)
+        except BgError as error:
+            raise FailedTestError(render(error.diagnostics)) from None
         if not outcome.passed:
-            raise AssertionError(render(outcome.findings))
+            raise FailedTestError(render(outcome.findings))
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        return str(excinfo.value) if isinstance(excinfo.value, FailedTestError) else super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        return self.path, None, self.name
+        return self.path, self.line - 1, self.name

@@ -1,11 +1,11 @@
 """`bgc test`: carry out the `test` blocks of `.bg` files.
 
 A test runs models, then asserts. A failing assertion shows its worst point: time, value, wanted, allowed.
+Reports      BG650 an assertion fails, BG651 an expected error does not come, and BG652, BG653 of `expressions`
 """
 
 from __future__ import annotations
 
-import operator
 import time as clock
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,27 +16,39 @@ import numpy as np
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Code, Diagnostic, Reporter, did_you_mean
-from bgdsl.ir.library import Library
-from bgdsl.source import Span
+from bgdsl.explanations import titles
+from bgdsl.syntax.library import Library
 from bgdsl.syntax import ast
 from bgdsl.syntax.parser import read_source
-from bgdsl.testing.values import BINARY, ELEMENTWISE, OVER_TIME, RELATIONS, Series, Value, combine
+from bgdsl.testing.expressions import CANNOT, UNKNOWN, Evaluation, Recorded, UnavailableError
+from bgdsl.testing.places import moved
+from bgdsl.testing.values import RELATIONS, Series, Value, combine
 
 FAILED = Code("BG650", "an assertion of a test failed")
 NOT_RAISED = Code("BG651", "an expected error was not reported")
-UNKNOWN = Code("BG652", "a name in a test is not known")
-CANNOT = Code("BG653", "an expression of a test has no value")
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """Where an assertion fails most. `time` in s, None where time plays no part; `entry` of an array, from 1."""
+
+    time: float | None
+    entry: int | None
+    value: float
+    wanted: float
+    allowed: float
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One test: passed if `findings` is empty; `error` marks a test that could not be carried out."""
+    """One test: passed if `findings` is empty; `error` marks a test that could not be carried out. `worst` goes with failed assertions."""
 
     file: Path
     name: str
     findings: tuple[Diagnostic, ...]
     seconds: float
     error: bool = False
+    worst: Mapping[Diagnostic, Worst] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -53,208 +65,156 @@ def collect(paths: Iterable[Path]) -> list[Path]:
 
 def run_file(path: Path, *, search: Iterable[Path] = (), only: str | None = None) -> list[Outcome]:
     """Carry out every test block of a file whose name contains `only`. BgError if the file itself cannot be read."""
+    library = _library(path, search)
+    return [_outcome(library, path, test) for test in tests_of(library) if only is None or only in test.name]
+
+
+def run_test(path: Path, number: int) -> Outcome:
+    """Carry out one test block of a file, by its number from 0."""
+    library = _library(path, ())
+    return _outcome(library, path, tests_of(library)[number])
+
+
+def tests_of(library: Library) -> tuple[ast.Test, ...]:
+    """The test blocks of a library's own file."""
+    return tuple(item for item in library.main.tree.items if isinstance(item, ast.Test))
+
+
+def _library(path: Path, search: Iterable[Path]) -> Library:
     report = Reporter()
     source = read_source(path, report)
     report.stop_if_errors()
-    library = pipeline.load_library(source, tuple(search), report)
-    tests = [item for item in library.main.tree.items if isinstance(item, ast.Test)]
-    return [_outcome(library, path, test) for test in tests if only is None or only in test.name]
+    return pipeline.load_library(source, tuple(search), report)
 
 
 def _outcome(library: Library, path: Path, test: ast.Test) -> Outcome:
     began = clock.perf_counter()
-    context = _Context(library, path.parent)
-    error = False
-    try:
-        for statement in test.statements:
-            context.carry_out(statement)
-        findings = tuple(context.report.diagnostics)
-    except BgError as failure:
-        findings = tuple(dict.fromkeys((*context.report.diagnostics, *failure.diagnostics)))
-        error = True
-    findings = tuple(d for d in findings if d.severity == "error")
-    return Outcome(path, test.name, findings, clock.perf_counter() - began, error)
+    under_way = _UnderWay(library, path.parent)
+    for statement in test.statements:
+        under_way.carry_out(statement)
+    findings = tuple(dict.fromkeys(d for d in under_way.report.diagnostics if d.severity == "error"))
+    return Outcome(path, test.name, findings, clock.perf_counter() - began, under_way.error, under_way.worst)
 
 
-Source = Any
-"""A run or a reference file: anything with `time` and `series(name) -> Series`."""
+class _UnderWay:
+    """A test under way: the runs made so far, and what was found. An error spoils its own statement and those that need its run."""
 
-
-@dataclass
-class _Context:
-    """A test under way: the runs made so far, and what was found."""
-
-    library: Library
-    folder: Path
-    runs: dict[str, Source] = field(default_factory=dict)
-    report: Reporter = field(default_factory=Reporter)
+    def __init__(self, library: Library, folder: Path):
+        self.library = library
+        self.folder = folder
+        self.report = Reporter()
+        self.evaluation = Evaluation()
+        self.error = False
+        self.worst: dict[Diagnostic, Worst] = {}
 
     def carry_out(self, statement: ast.TestStatement) -> None:
+        try:
+            self._carry_out(statement)
+        except BgError as error:
+            self.report.diagnostics += moved(error.diagnostics, statement.span)
+            self.error = True
+            if isinstance(statement, ast.RunStatement):
+                self.evaluation.failed.add(statement.name)
+        except UnavailableError:
+            pass
+
+    def _carry_out(self, statement: ast.TestStatement) -> None:
         match statement:
-            case ast.RunStatement(file=str() as file):
-                self.runs[statement.name] = pipeline.reference(self.folder / file, statement.span, self.report)
             case ast.RunStatement():
-                self.runs[statement.name] = self._run(statement)
+                if statement.name in self.evaluation.runs or statement.name in self.evaluation.failed:
+                    Reporter().fail(CANNOT, f"there is a run `{statement.name}` already", statement.span)
+                self.evaluation.runs[statement.name] = self._run(statement)
             case ast.TestAssertion():
+                self.evaluation.moments.clear()
                 self._check(statement)
             case ast.ExpectError():
                 self._expect(statement)
 
-    def _run(self, statement: ast.RunStatement) -> Source:
-        model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
+    # ------------------------------------------------------------------------------------------------------------- runs
+
+    def _run(self, statement: ast.RunStatement) -> Recorded:
+        if statement.file is not None:
+            return self._record(statement, statement.file)
         options: dict[str, Any] = {}
         for name, value in statement.options:
-            option = {"for": "stop"}.get(name, name)
-            given = value.value if isinstance(value, ast.String) else self.value(value)
-            options[option] = given
+            given = value.value if isinstance(value, ast.String) else self.evaluation.number(value)
+            options["stop" if name == "for" else name] = given
+        if "tolerance" in options:
+            options["tolerance"] = step_tolerance(options["tolerance"])
+        model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
         return model.compile().simulate(experiment=statement.experiment, **options)
 
-    # ------------------------------------------------------------------------------------------------- assertions
+    def _record(self, statement: ast.RunStatement, file: str) -> Recorded:
+        record = pipeline.reference(self.folder / file, statement.span, Reporter())
+        if "time" not in record.names:
+            Reporter().fail(CANNOT, f"{file} has no column `time`", statement.span, notes=[f"its columns are {', '.join(record.names)}"])
+        return record
+
+    # ------------------------------------------------------------------------------------------------------- assertions
 
     def _check(self, statement: ast.TestAssertion) -> None:
         condition = statement.condition
         if isinstance(condition, ast.Binary) and condition.operator in RELATIONS:
             self._compare(statement, condition)
             return
-        value = self.value(condition)
-        if not np.all(value.values if isinstance(value, Series) else value):
-            self.report.add(FAILED, self._title(statement), condition.span, "is false" + self._first_false(value))
-
-    @staticmethod
-    def _first_false(value: Value) -> str:
-        if not isinstance(value, Series):
-            return ""
-        return f", first at time {value.time[int(np.argmin(value.values))]:g}"
+        value = self.evaluation.value(condition)
+        holds = np.asarray(value.values if isinstance(value, Series) else value)
+        holds = np.array([bool(text) for text in holds.flat]) if holds.dtype.kind == "U" else (holds != 0) & ~np.isnan(holds)
+        if holds.all():
+            return
+        when = ""
+        if isinstance(value, Series):
+            when = f", first at time {value.time[int(np.argmin(holds.reshape(len(value.time), -1).all(axis=1)))]:g}"
+        self.report.add(FAILED, _title(statement), condition.span, "is false" + when)
 
     def _compare(self, statement: ast.TestAssertion, condition: ast.Binary) -> None:
-        left, right = self.value(condition.left), self.value(condition.right)
+        left, right = self.evaluation.value(condition.left), self.evaluation.value(condition.right)
         allowed: Value = 0.0
-        if statement.tolerance is not None:
-            allowed = self.value(statement.tolerance)
+        try:
+            if statement.tolerance is not None:
+                allowed = self.evaluation.value(statement.tolerance)
             if statement.relative:
                 allowed = combine(lambda share, wanted: share / 100 * np.abs(wanted), allowed, right)
-        try:
             excess = combine(_EXCESS[condition.operator], left, right, allowed)
-        except ValueError as error:
-            self.report.fail(CANNOT, str(error), condition.span)
-        worst, when = _worst(excess)
-        if worst <= 0 and not np.isnan(worst):
+        except (TypeError, ValueError) as error:
+            text = any(isinstance(value, str) for value in (left, right, allowed))
+            Reporter().fail(CANNOT, "texts cannot be compared" if text else str(error), condition.span)
+        worst = _worst(excess, left, right, allowed, self.evaluation.moments)
+        if worst is None:
             return
-        pieces = [f"value {_at(left, when)}", f"wanted {condition.operator} {_at(right, when)}"]
-        if statement.tolerance is not None:
-            pieces.append(f"allowed +- {_at(allowed, when)}")
-        place = "" if when is None else f"worst at time {when:.9g}: "
-        self.report.add(FAILED, self._title(statement), condition.span, place + ", ".join(pieces))
-
-    @staticmethod
-    def _title(statement: ast.TestAssertion) -> str:
-        return f"assertion failed: {statement.message}" if statement.message else "assertion failed"
+        self.report.add(FAILED, _title(statement), condition.span, _told(worst, condition.operator))
+        self.worst[self.report.diagnostics[-1]] = worst
 
     def _expect(self, statement: ast.ExpectError) -> None:
+        if statement.code not in titles():
+            helps = did_you_mean(statement.code, titles())
+            Reporter().fail(UNKNOWN, f"there is no diagnostic {statement.code}", statement.span, helps=helps)
         try:
             model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
-            model.check()
+            warned = {d.code.number for d in model.check()}
         except BgError as error:
             found = sorted({d.code.number for d in error.diagnostics})
             if statement.code in found:
                 return
             message = f"expected {statement.code}, found {', '.join(found)}"
+            notes = [f"{d.code.number}: {d.message}" for d in error.diagnostics]
         else:
-            message = f"expected {statement.code}, and the model is right"
-        self.report.add(NOT_RAISED, message, statement.span)
-
-    # ------------------------------------------------------------------------------------------------------ values
-
-    def value(self, node: ast.Expression) -> Value:
-        """The value of an expression. BgError (BG652, BG653) where it has none."""
-        match node:
-            case ast.Number() | ast.String() | ast.Boolean():
-                return node.value
-            case ast.Unary("not", operand):
-                return combine(np.logical_not, self.value(operand))
-            case ast.Unary(sign, operand):
-                return combine(operator.neg if sign == "-" else operator.pos, self.value(operand))
-            case ast.Binary(sign, left, right):
-                return self._apply(BINARY.get(sign) or RELATIONS[sign], node.span, self.value(left), self.value(right))
-            case ast.Array(items):
-                return np.array([self.value(item) for item in items], float)
-            case ast.Reference():
-                return self._reference(node)
-            case ast.Call():
-                return self._call(node)
-            case _:
-                self.report.fail(CANNOT, "this cannot stand in a test", node.span)
-
-    def _apply(self, function: Callable[..., Any], span: Span, *values: Value) -> Value:
-        try:
-            return combine(function, *values)
-        except (TypeError, ValueError) as error:
-            self.report.fail(CANNOT, str(error), span)
-
-    def _call(self, node: ast.Call) -> Value:
-        name = node.function.text
-        if node.function.parts[0].name in self.runs:
-            return self._moment(node)
-        values = [self.value(argument) for argument in node.arguments]
-        try:
-            if name in OVER_TIME and values and isinstance(values[0], Series):
-                result = OVER_TIME[name](*values)
-                return result if isinstance(result, np.ndarray) and result.ndim else float(result)
-            if name in ("max", "min") and len(values) == 2:
-                return combine(np.maximum if name == "max" else np.minimum, *values)
-            if name in ELEMENTWISE:
-                return combine(ELEMENTWISE[name], *values)
-        except (TypeError, ValueError) as error:
-            self.report.fail(CANNOT, str(error), node.span)
-        self.report.fail(
-            UNKNOWN,
-            f"`{name}` is neither a run nor a function",
-            node.function.span,
-            helps=did_you_mean(name, (*self.runs, *ELEMENTWISE, *OVER_TIME)),
-        )
-
-    def _moment(self, node: ast.Call) -> Value:
-        """`r.x(2.5)`, `r.x(end)`: a signal at one time."""
-        series = self._reference(node.function)
-        if not isinstance(series, Series) or len(node.arguments) != 1:
-            self.report.fail(CANNOT, "a signal takes one time", node.span)
-        argument = node.arguments[0]
-        t = series.time[-1] if isinstance(argument, ast.End) else self._number(argument)
-        try:
-            moment = series.at(t)
-        except (TypeError, ValueError) as error:
-            self.report.fail(CANNOT, str(error), argument.span)
-        return moment if isinstance(moment, np.ndarray) and moment.ndim else float(moment)
-
-    def _number(self, node: ast.Expression) -> float:
-        value = self.value(node)
-        if not isinstance(value, float | int):
-            self.report.fail(CANNOT, "a number is needed here", node.span)
-        return float(value)
-
-    def _reference(self, node: ast.Reference) -> Value:
-        head, *rest = node.parts
-        if head.name == "pi" and not rest:
-            return float(np.pi)
-        if head.name not in self.runs:
-            self.report.fail(UNKNOWN, f"`{head.name}` is not a run of this test", node.span, helps=did_you_mean(head.name, self.runs))
-        name = ".".join(part.name + _subscripts(part, self.value) for part in rest)
-        run = self.runs[head.name]
-        if name == "time":
-            return Series(run.time, run.time)
-        try:
-            return Series(run.time, np.asarray(run[name], float))
-        except KeyError as error:
-            known = getattr(run, "names", ())
-            self.report.fail(UNKNOWN, f"the run has no variable `{name}`", node.span, notes=_notes(error), helps=did_you_mean(name, known))
+            message, notes = f"expected {statement.code}, and {'it is a warning' if statement.code in warned else 'the model is right'}", []
+        self.report.add(NOT_RAISED, message, statement.span, notes=notes)
 
 
-def _notes(error: KeyError) -> tuple[str, ...]:
-    return tuple(str(a) for a in error.args[1:])
+def step_tolerance(wanted: float) -> float:
+    """The tolerance that a solver gets where a test asks for results good to `wanted`.
+
+    A solver holds its tolerance over each step, and what the steps leave adds up along a run: by a factor of some thousand over the
+    hundred swings of an undamped mass. What is written in a test is meant of the results, so the steps get a thousandth, down to
+    1e-12, below which round-off rules.
+    """
+    return max(1e-3 * wanted, min(wanted, 1e-12)) if wanted > 0 else wanted
 
 
-def _subscripts(part: ast.Part, value: Callable[[ast.Expression], Value]) -> str:
-    return f"[{','.join(f'{value(s):.0f}' for s in part.subscripts)}]" if part.subscripts else ""
+def _title(statement: ast.TestAssertion) -> str:
+    return f"assertion failed: {statement.message}" if statement.message else "assertion failed"
 
 
 _EXCESS: Mapping[str, Callable[..., Any]] = {
@@ -268,21 +228,30 @@ _EXCESS: Mapping[str, Callable[..., Any]] = {
 """By how much a comparison fails: not positive where it holds."""
 
 
-def _worst(excess: Value) -> tuple[float, float | None]:
-    """The largest excess and its time (None where time plays no part). A value that is not a number is worst of all."""
+def _worst(excess: Value, left: Value, right: Value, allowed: Value, moments: Iterable[float]) -> Worst | None:
+    """The point of the largest excess, None where none is positive. A value that is not a number is worst of all."""
+    over_time = isinstance(excess, Series)
     values = np.asarray(excess.values if isinstance(excess, Series) else excess, float)
-    if np.isnan(values).any():
-        flat = np.isnan(values)
-        worst = float("nan")
-    else:
-        worst = float(values.max(initial=-np.inf))
-        flat = values == worst
-    if not isinstance(excess, Series):
-        return worst, None
-    return worst, float(excess.time[int(np.argmax(flat.reshape(len(excess.time), -1).any(axis=1)))])
+    ranked = np.where(np.isnan(values), np.inf, values)
+    if not ranked.size or ranked.max() <= 0:
+        return None
+    place = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
+    when = float(excess.time[place[0]]) if isinstance(excess, Series) else None
+    entry = int(place[-1]) if len(place) > over_time else None
+    told = when if when is not None else next(iter(moments), None) if len(set(moments)) == 1 else None
+    found = (_at(value, when, entry) for value in (left, right, allowed))
+    return Worst(told, None if entry is None else entry + 1, *found)
 
 
-def _at(value: Value, when: float | None) -> str:
+def _at(value: Value, when: float | None, entry: int | None) -> float:
     if isinstance(value, Series):
-        value = value.at(when if when is not None else value.time[-1])
-    return np.array2string(value, precision=9) if isinstance(value, np.ndarray) and value.ndim else f"{value:.12g}"
+        assert when is not None
+        value = value.at(when)
+    return float(np.ravel(value)[entry] if np.ndim(value) and entry is not None else value)  # type: ignore[arg-type]
+
+
+def _told(worst: Worst, relation: str) -> str:
+    where = [f"time {worst.time:.9g}"] if worst.time is not None else []
+    where += [f"entry {worst.entry}"] if worst.entry is not None else []
+    place = f"worst at {', '.join(where)}: " if where else ""
+    return f"{place}value {worst.value:.12g}, wanted {relation} {worst.wanted:.12g}, allowed +- {worst.allowed:.12g}"

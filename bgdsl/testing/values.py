@@ -1,12 +1,14 @@
 """Values of test expressions: numbers, texts and signals over time, and the arithmetic of the three.
 
 A `Series` is a signal with its times; where two meet, the second is interpolated (cubic) to the times of the first that both cover.
+Arrays have one axis: a matrix is its entries row by row.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -38,40 +40,70 @@ Value = float | str | Floats | Series
 
 
 def _interpolate(time: Floats, values: Floats, wanted: Floats) -> Floats:
-    """Cubic where the record has no doubled times (events double them), else linear."""
+    """Cubic between events: where an event doubles a time, the signal may jump there, and each side is a curve of its own."""
     hit = np.clip(np.searchsorted(time, wanted), 0, len(time) - 1)
     exact = time[hit] == wanted
+    result = np.asarray(values[hit], float)
     if exact.all():
-        return np.asarray(values[hit], float)
-    keep = np.concatenate(([True], np.diff(time) > 0))
-    time, values = time[keep], values[keep]
+        return result
     wanted = np.clip(wanted, time[0], time[-1])
-    if len(time) < 4 or not keep.all():
-        columns = values.reshape(len(time), -1)
-        flat = np.stack([np.interp(wanted, time, column) for column in columns.T], axis=-1)
-        return flat.reshape(len(wanted), *values.shape[1:])
-    from scipy.interpolate import CubicSpline
+    bounds = [0, *(np.flatnonzero(np.diff(time) <= 0) + 1), len(time)]
+    for start, stop in pairwise(bounds):
+        inside = ~exact & (wanted >= time[start]) & (wanted <= time[stop - 1])
+        if inside.any():
+            result[inside] = _curve(time[start:stop], values[start:stop], wanted[inside])
+    return result
 
-    return np.asarray(CubicSpline(time, values)(wanted), float)
+
+def _curve(time: Floats, values: Floats, wanted: Floats) -> Floats:
+    """A cubic spline through four points and more, else straight lines."""
+    if len(time) >= 4:
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(time, values)(wanted), float)
+    columns = values.reshape(len(time), -1)
+    lines = np.stack([np.interp(wanted, time, column) for column in columns.T], axis=-1)
+    return lines.reshape(len(wanted), *values.shape[1:])
 
 
 def combine(operation: Callable[..., Any], *values: Value) -> Value:
-    """Apply a NumPy function to values, aligning signals in time."""
+    """Apply a NumPy function to values, aligning signals in time. ValueError where sizes or times do not fit together."""
+    width = _common_width(values)
     series = [value for value in values if isinstance(value, Series)]
-    if not series:
-        return _plain(operation(*values))
-    time = series[0].time
-    start, stop = max(s.time[0] for s in series), min(s.time[-1] for s in series)
-    if start > stop:
-        raise ValueError("the two runs have no time in common")
-    if (time[0], time[-1]) != (start, stop):
-        time = time[(time >= start) & (time <= stop)]
-    return Series(time, np.asarray(operation(*(v.on(time) if isinstance(v, Series) else v for v in values))))
+    with np.errstate(all="ignore"):
+        if not series:
+            return _plain(operation(*values))
+        time = series[0].time
+        start, stop = max(s.time[0] for s in series), min(s.time[-1] for s in series)
+        if start > stop:
+            raise ValueError("the two runs have no time in common")
+        if (time[0], time[-1]) != (start, stop):
+            time = time[(time >= start) & (time <= stop)]
+        return Series(time, np.asarray(operation(*(_aligned(v, time, width) for v in values))))
+
+
+def _common_width(values: tuple[Value, ...]) -> int:
+    """The number of entries of the arrays among the values, 0 if there are none."""
+    shapes = [v.values.shape[1:] if isinstance(v, Series) else np.shape(v) for v in values]
+    widths = sorted({shape[0] for shape in shapes if shape})
+    if len(widths) > 1:
+        raise ValueError(f"arrays of {widths[0]} and of {widths[1]} entries do not fit together")
+    return widths[0] if widths else 0
+
+
+def _aligned(value: Value, time: Floats, width: int) -> Any:
+    """The value at the times; a scalar signal that meets an array stands for each of its entries."""
+    if not isinstance(value, Series):
+        return value
+    found = value.on(time)
+    return found[:, None] if width and found.ndim == 1 else found
 
 
 def _plain(value: Any) -> Value:
     return value if isinstance(value, np.ndarray) and value.ndim else float(value)
 
+
+UNARY: Mapping[str, Callable[..., Any]] = {"-": np.negative, "+": np.positive, "not": np.logical_not}
 
 BINARY: Mapping[str, Callable[..., Any]] = {
     "+": np.add,
@@ -116,9 +148,11 @@ def _mean(s: Series) -> Any:
 
 def _amplitude(s: Series, frequency: float) -> Any:
     """Amplitude of the harmonic of that frequency (Hz), by projection over the whole run."""
-    phase = np.exp(-2j * np.pi * frequency * (s.time - s.time[0]))
     span = s.time[-1] - s.time[0]
-    return 2 * abs(np.trapezoid(s.values * phase, s.time)) / span
+    if span <= 0:
+        raise ValueError("a signal of one moment has no amplitude")
+    phase = np.exp(-2j * np.pi * frequency * (s.time - s.time[0]))
+    return 2 * np.abs(np.trapezoid((s.values.T * phase).T, s.time, axis=0)) / span
 
 
 OVER_TIME: Mapping[str, Callable[..., Any]] = {

@@ -1,0 +1,30 @@
+"""Where the findings of a test are shown: at its own statements.
+
+Runs report what concerns their settings as said on a command line, and models under a made-up name; a test has lines of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from bgdsl.diagnostics import Diagnostic, Label
+from bgdsl.source import Span
+
+
+def moved(found: Iterable[Diagnostic], span: Span) -> tuple[Diagnostic, ...]:
+    """The findings with `span` in place of the command line, and beside the places of a model."""
+    return tuple(_moved(d, span) for d in found)
+
+
+def _moved(d: Diagnostic, span: Span) -> Diagnostic:
+    d = replace(d, message=d.message.replace(HEIR + "`", "`"))
+    if d.primary.span.source.path is None:
+        return replace(d, primary=Label(span, d.primary.text))
+    if d.primary.span.source is span.source and span.start <= d.primary.span.start <= d.primary.span.end <= span.end:
+        return d
+    return replace(d, others=(*d.others, Label(span, "needed here")))
+
+
+HEIR = " in test"
+"""How `pipeline.instantiate_modified` ends the name of a model with a test's modifications."""

@@ -1,0 +1,48 @@
+"""What `bgc compare` and `bgc verify` refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bgdsl.cli.app import run
+
+LEVER = Path(__file__).parents[2] / "models" / "lever_stiff.bg"
+
+
+@pytest.fixture
+def reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("lever_stiff.bg").write_text(LEVER.read_text())
+    assert run(["condition", "lever_stiff.bg", "-e", "kick", "--threshold", "2.5%", "-o", "out/reduced.bg"]) == 0
+    return Path("out/reduced.bg")
+
+
+def refused(capsys: pytest.CaptureFixture[str], code: str, *arguments: str) -> bool:
+    capsys.readouterr()
+    return run(arguments) == 2 and f"error[{code}]" in capsys.readouterr().err
+
+
+def test_the_full_model_in_a_folder_above(reduced: Path) -> None:
+    assert run(["verify", str(reduced)]) == 0
+
+
+def test_a_file_that_no_reduction_wrote(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(capsys, "BG740", "verify", "lever_stiff.bg")
+
+
+def test_the_full_model_has_changed(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("lever_stiff.bg").write_text(LEVER.read_text() + "// later\n")
+    assert refused(capsys, "BG741", "verify", str(reduced))
+
+
+def test_the_full_model_is_nowhere(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("lever_stiff.bg").rename("lever_full.bg")
+    assert refused(capsys, "BG742", "verify", str(reduced))
+    assert run(["verify", str(reduced), "--full", "lever_full.bg"]) == 0
+
+
+def test_nothing_to_compare(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("other.bg").write_text("model Other J1 a; I b(I = 1); R c(R = 1); experiment kick(stopTime = 5); equation a -> b, c; end Other;")
+    assert refused(capsys, "BG743", "compare", "lever_stiff.bg", "other.bg", "-e", "kick")

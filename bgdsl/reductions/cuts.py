@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
-from bgdsl.ir.graph import Bond, BondGraph, Element, End, Junction, Origin
+from bgdsl.ir.graph import Bond, BondGraph, End, Junction, Origin
 from bgdsl.reductions.condition import parameter_values
 from bgdsl.reductions.plan import Action, Cut, Removal
 from bgdsl.reductions.source_map import ClassText, Place, SourceMap, UnwritableError, written
@@ -28,6 +29,9 @@ PortBonds = Mapping[tuple[str, int, int], tuple[Bond, int]]
 """The bond, and its component, at each (element, port, component)."""
 
 ZERO_OF = {0: ("Se", "e"), 1: ("Sf", "f")}
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +132,7 @@ class Writer:
 # --------------------------------------------------------------------------------------------------------------- parts
 
 
-def runs(actions: Sequence[Action | None]) -> Iterator[tuple[Action | None, list[int]]]:
+def runs(actions: Sequence[T]) -> Iterator[tuple[T, list[int]]]:
     """Neighbouring components with the same action."""
     start = 0
     for i in range(1, len(actions) + 1):
@@ -336,57 +340,53 @@ def write_removal(writer: Writer, removal: Removal, bonds: PortBonds, comment: M
     if found is None or "[" in name:
         raise UnwritableError(removal.terms, f"`{element.name}` is one of an array")
     unit, _, declarator = found
-    touched = element_links(element, bonds)
     told = "; ".join(dict.fromkeys(comment[t] for t in removal.terms))
     if removal.gone:
         writer.of(path, unit).remove(declarator)
-    elif len(removal.terms) != sum(port.width for port in element.ports):
-        raise UnwritableError(removal.terms, f"`{element.name}` is needed, and only a part of it is inactive")
-    for bond in touched:
-        _unbond(writer, removal, bond, told)
+    driven: dict[tuple[object, ...], tuple[Bond, set[int]]] = {}
+    for k, i in removal.spots:
+        bond, c = bonds[element.name, k, i]
+        at_head = bond.head.node == element.name and bond.head.port == k
+        origin = bond.origins[-1 if at_head else 0]
+        position = c if origin.part is None else origin.part[c]
+        driven.setdefault((k, origin_key(origin)), (bond, set()))[1].add(position)
+    for bond, positions in driven.values():
+        _unbond(writer, removal, bond, positions, told)
 
 
-def element_links(element: Element, bonds: PortBonds) -> list[Bond]:
-    """One flat bond for each statement's link that ends at the element (several where a port outside is bonded in parts)."""
-    found: dict[tuple[object, ...], Bond] = {}
-    for k, port in enumerate(element.ports):
-        for i in range(port.width):
-            bond = bonds[element.name, k, i][0]
-            at_head = bond.head.node == element.name and bond.head.port == k
-            found.setdefault((k, origin_key(bond.origins[-1 if at_head else 0])), bond)
-    return list(found.values())
-
-
-def _unbond(writer: Writer, removal: Removal, bond: Bond, told: str) -> None:
-    """Take the bond between an element and its junction away; through ports, or for an observer, leave what they need."""
+def _unbond(writer: Writer, removal: Removal, bond: Bond, dropped: set[int], told: str) -> None:
+    """Take components of the bond between an element and its junction away; through ports, or for an observer, leave what they need."""
     at_head = bond.head.node == removal.element.name
     spot = writer.spot(bond.origins[-1 if at_head else 0], bond, removal.terms)
     junction = writer.junction(bond.tail if at_head else bond.head)
     if junction is None:
         raise UnwritableError(removal.terms, f"`{removal.element.name}` is bonded to another element")
-    direct = len(bond.origins) == 1
     tail, head = sides(writer, spot, bond, removal.terms)
-    far, own = (tail, head.text) if at_head else (head, tail.text)
+    far, own = (tail, head) if at_head else (head, tail)
     edit, edits = writer.edit(spot), writer.of(spot.path, spot.unit)
     edit.comments.append(told)
-    sign = "=>" if spot.vector else "->"
-    dims = f"[{far.width}]" if spot.vector else ""
-    everything = list(range(far.width))
     kind, letter = SOURCE_OF[junction.kind]
     edit.pieces = []
-    node = ""
-    if not direct:
-        node = edits.fresh(f"{own}_rest")
-        edits.declare(f"J{junction.kind}{dims} {node};")
-        edit.pieces.append(f"{far.text} {sign} {node}" if at_head else f"{node} {sign} {far.text}")
-    if removal.gone:
-        return
-    value = far.variable(letter, everything) if direct else f"{node}.{letter}"
-    source = edits.fresh(f"{own}_drive")
-    edits.declare(f"{kind}{dims} {source}({letter} = {value});")
-    if at_head:
-        edit.pieces.append(f"{source} {sign} {own}")
-    else:
-        meeting = edits.fresh(f"{own}_{letter}")
-        edits.declare(f"J{junction.kind}{dims} {meeting};")
-        edit.pieces += [f"{own} {sign} {meeting}", f"{source} {sign} {meeting}"]
+    for lost, positions in runs([i in dropped for i in range(far.width)]):
+        sign = "=>" if spot.vector and (len(positions) > 1 or not own.splits) else "->"
+        dims = f"[{len(positions)}]" if sign == "=>" else ""
+        here, there = own.of(positions), far.of(positions)
+        if not lost:
+            edit.pieces.append(f"{tail.of(positions)} {sign} {head.of(positions)}")
+            continue
+        value = far.variable(letter, positions) if far.kind is not None else ""
+        if far.kind is None:  # through a port, which wants its bond
+            node = edits.fresh(f"{here}_rest")
+            edits.declare(f"J{junction.kind}{dims} {node};")
+            edit.pieces.append(f"{there} {sign} {node}" if at_head else f"{node} {sign} {there}")
+            value = f"{node}.{letter}"
+        if removal.gone:
+            continue
+        source = edits.fresh(f"{here}_drive")
+        edits.declare(f"{kind}{dims} {source}({letter} = {value});")
+        if at_head:
+            edit.pieces.append(f"{source} {sign} {here}")
+        else:
+            meeting = edits.fresh(f"{here}_{letter}")
+            edits.declare(f"J{junction.kind}{dims} {meeting};")
+            edit.pieces += [f"{here} {sign} {meeting}", f"{source} {sign} {meeting}"]

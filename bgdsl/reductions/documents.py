@@ -10,11 +10,11 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from bgdsl.ir.library import Library, Module
+from bgdsl.syntax.library import Library, Module
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError, walk
-from bgdsl.reductions.specialise import Variant, Variants, class_edits
+from bgdsl.reductions.specialise import Variant, Variants, class_edits, spliced
 from bgdsl.reductions.statements import _with_line
-from bgdsl.source import Edit, Source, Span, apply_edits
+from bgdsl.source import Edit, Span, apply_edits
 from bgdsl.syntax import ast
 
 SHIPPED = Path(__file__).parent.parent / "library"
@@ -224,13 +224,6 @@ class _Document:
         line = source.text.rfind("\n", 0, first) + 1
         start = line if line > model.span.start else first
         return Edit(Span(source, start, start), f"  {annotation}\n")
-
-
-def spliced(span: Span, edits: Iterable[Edit]) -> str:
-    """The text of a span with edits inside it."""
-    part = Source(span.source.name, span.text)
-    moved = [Edit(Span(part, edit.span.start - span.start, edit.span.end - span.start), edit.text) for edit in edits]
-    return apply_edits(part, moved)
 
 
 __all__ = ["ClassText", "document", "shipped_path", "spliced"]

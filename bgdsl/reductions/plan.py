@@ -59,11 +59,13 @@ class Split:
 
 @dataclass(frozen=True, slots=True)
 class Removal:
-    """A one-port (or user element) with dropped terms. gone: all of it goes; else it is driven at the listed ports as an observer."""
+    """A one-port (or user element) with dropped terms. gone: all of it goes; else it is driven as an observer where they were: at
+    the `spots`, as (port, component)."""
 
     element: Element
     gone: bool
     terms: tuple[int, ...]
+    spots: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,12 +136,17 @@ def _splits(scalar: ScalarGraph, decision: Decision, names: set[str | None]) -> 
 
 
 def _removals(graph: BondGraph, decision: Decision, touched: list[Term]) -> tuple[Removal, ...]:
-    terms: dict[str, list[int]] = defaultdict(list)
+    terms: dict[str, list[Term]] = defaultdict(list)
     for term in touched:
         assert term.element is not None
-        terms[term.element].append(term.index)
+        terms[term.element].append(term)
     return tuple(
-        Removal(element, element.name not in decision.observers, tuple(terms[element.name]))
+        Removal(
+            element,
+            element.name not in decision.observers,
+            tuple(term.index for term in terms[element.name]),
+            tuple((term.port, term.spot) for term in terms[element.name]),
+        )
         for element in graph.elements
         if element.name in terms
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from bgdsl.ir.activity import ActivityReport
-from bgdsl.ir.library import Library
+from bgdsl.syntax.library import Library
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, owners, read_names, settle

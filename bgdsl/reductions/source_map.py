@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 
 from bgdsl.ir.graph import BondGraph, Origin
-from bgdsl.ir.library import Library, Module
+from bgdsl.syntax.library import Library, Module
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 

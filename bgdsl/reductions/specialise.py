@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError
 from bgdsl.reductions.statements import ClassEdits
-from bgdsl.source import Edit, Span
+from bgdsl.source import Edit, Source, Span, apply_edits
 from bgdsl.syntax import ast
 
 UnitKey = tuple[int, int]
@@ -167,7 +167,11 @@ def class_edits(variant: Variant) -> list[Edit]:
     model = variant.unit.model
     for item in model.items:
         if isinstance(item, ast.Declaration):
-            edits += _retyped(item, variant)
+            inside = [e for e in edits if item.span.start <= e.span.start and e.span.end < item.span.end]
+            retyped = _retyped(item, variant, inside)
+            if retyped and retyped[0].span == item.span:
+                edits = [e for e in edits if e not in inside]
+            edits += retyped
         elif isinstance(item, ast.Extends) and id(item) in variant.bases and variant.bases[id(item)].renamed:
             edits.append(Edit(item.base.span, variant.bases[id(item)].name))
     if variant.renamed:
@@ -180,8 +184,16 @@ def class_edits(variant: Variant) -> list[Edit]:
     return edits
 
 
-def _retyped(item: ast.Declaration, variant: Variant) -> list[Edit]:
-    """The declaration with other class names: in place if all its declarators agree, else in declarations of their own."""
+def spliced(span: Span, edits: Iterable[Edit]) -> str:
+    """The text of a span with edits inside it."""
+    part = Source(span.source.name, span.text)
+    moved = [Edit(Span(part, edit.span.start - span.start, edit.span.end - span.start), edit.text) for edit in edits]
+    return apply_edits(part, moved)
+
+
+def _retyped(item: ast.Declaration, variant: Variant, inside: list[Edit]) -> list[Edit]:
+    """The declaration with other class names: in place if all its declarators agree, else (with the edits inside it) in
+    declarations of their own."""
     groups: dict[str | None, list[ast.Declarator]] = {}
     for declarator in item.declarators:
         part = variant.parts.get(id(declarator))
@@ -200,5 +212,6 @@ def _retyped(item: ast.Declaration, variant: Variant) -> list[Edit]:
     lines = []
     for name, declarators in groups.items():
         shown = name or item.type.name.span.text
-        lines.append(f"{before}{shown}{after}{', '.join(d.span.text for d in declarators)};")
+        texts = [spliced(d.span, [e for e in inside if d.span.start <= e.span.start and e.span.end <= d.span.end]) for d in declarators]
+        lines.append(f"{before}{shown}{after}{', '.join(texts)};")
     return [Edit(span, f"\n{indent}".join(lines))]

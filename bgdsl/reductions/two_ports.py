@@ -23,7 +23,8 @@ from dataclasses import dataclass
 from bgdsl.ir.graph import Bond, Element
 from bgdsl.reductions.cuts import PortBonds, Side, Spot, Writer, sides
 from bgdsl.reductions.plan import Entry, Split
-from bgdsl.reductions.source_map import UnwritableError
+from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError
+from bgdsl.source import Span
 from bgdsl.syntax import ast
 
 _PARAMETERS = {"TF": ("m", "T"), "MTF": ("m", "T"), "GY": ("r", "G"), "MGY": ("r", "G"), "EJS": ("G",)}
@@ -56,14 +57,19 @@ def write_split(
     if element.name in read and not any(entry.two_way for entry in split.entries):
         raise UnwritableError(terms, f"the variables of `{element.name}` are read")
     unit, declaration, declarator = found
-    modulus = _argument(declarator, _PARAMETERS[element.kind], terms)
+    modulus = _argument(declarator, _PARAMETERS[element.kind])
+    outer = outer_modulus(writer.texts, path, name, _PARAMETERS[element.kind]) if modulus is None else None
+    if modulus is None and (outer is None or element.kind not in ("TF", "MTF") or all(entry.gone for entry in split.entries)):
+        raise UnwritableError(terms, f"the modulus of `{element.name}` is not given where it is declared")
     ports = [_port(writer, element, k, bonds, split, kinds, terms) for k in range(len(element.ports))]
     for port in ports:
         if port.spot.path != path:
             raise UnwritableError(terms, f"`{element.name}` is bonded outside its class")
     told = list(dict.fromkeys(comment[t] for t in terms))
-    task = _Task(writer, split, name, path, unit.model, declaration, declarator, modulus, ports, told)
-    if all(port.size is None for port in element.ports):
+    task = _Task(writer, split, name, path, unit.model, declaration, declarator, modulus or "", ports, told)
+    if outer is not None:
+        _write_outer(task, outer)
+    elif all(port.size is None for port in element.ports):
         _write_scalar(task)
     else:
         _write_matrix(task)
@@ -89,11 +95,45 @@ class _Task:
         return self.writer.of(self.path, found[0])
 
 
-def _argument(declarator: ast.Declarator, names: Sequence[str], terms: tuple[int, ...]) -> str:
+def _argument(declarator: ast.Declarator, names: Sequence[str]) -> str | None:
+    """The text of the modulus where the element is declared, None if it is not given there."""
     for argument in declarator.arguments:
         if isinstance(argument, ast.Modifier) and argument.name.text in names and argument.value is not None:
             return argument.value.span.text
-    raise UnwritableError(terms, f"the modulus of `{declarator.name}` is not given where it is declared")
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class OuterModulus:
+    """A modulus given from outside: `axes(T = value)` in the declaration of a part of the instance `path`."""
+
+    path: str
+    unit: ClassText
+    modifier: ast.Modifier
+    value: ast.Expression
+
+
+def outer_modulus(texts: SourceMap, path: str, name: str, parameters: Sequence[str]) -> OuterModulus | None:
+    """Where the modulus of element `name` of the instance `path` is given in a declaration further out, if that is no array."""
+    wanted, here = [name], path
+    while here and not here.endswith("]"):
+        parent, _, child = here.rpartition(".")
+        found = texts.member(parent, child)
+        if found is None:
+            return None
+        arguments: Sequence[ast.Argument] = found[2].arguments
+        modifier: ast.Modifier | None = None
+        for step in wanted:
+            modifier = next((a for a in arguments if isinstance(a, ast.Modifier) and a.name.text == step), None)
+            if modifier is None:
+                break
+            arguments = modifier.nested
+        if modifier is not None:
+            for inner in modifier.nested:
+                if isinstance(inner, ast.Modifier) and inner.name.text in parameters and inner.value is not None:
+                    return OuterModulus(parent, found[0], modifier, inner.value)
+        wanted, here = [child, *wanted], parent
+    return None
 
 
 def _port(
@@ -235,6 +275,70 @@ def _write_matrix(task: _Task) -> None:
         read = f"{junctions[-1]}.{'f' if structure or element.kind in ('GY', 'MGY') else 'e'}"
         value = f"-({turned}*{read})" if structure else f"-(transpose({turned})*{read})"
         _source_at(task, task.ports[0], name, "MSe", "e", value, junctions[0])
+
+
+def _write_outer(task: _Task, outer: OuterModulus) -> None:
+    """A transformer whose modulus is given from outside: each one-way part is a transformer too, driven by a source, so that its
+    modulus can be given at the same place. What it gives back to the source has no effect.
+
+        MSf[3] axes_tap(f = a.f);  axes_tap => axes_forth => b          MSe[3] axes_push(e = b.e);  a => axes_back => end_;  push => end_
+    """
+    entries, edits, name = task.split.entries, task.edits, task.name
+    modulus = task.split.element.modulus
+    assert modulus is not None
+    shape = (len(modulus), len(modulus[0]))
+    present = {(entry.row, entry.column) for entry in entries}
+    masks = {
+        "": _mask(shape, entries, lambda e: e.two_way, False, default=present),
+        "_forth": _mask(shape, entries, lambda e: e.dropped[0] and not e.gone, False),
+        "_back": _mask(shape, entries, lambda e: e.dropped[1] and not e.gone, False),
+    }
+    roles = [role for role, mask in masks.items() if (role and _any(mask)) or (not role and any(e.two_way for e in entries))]
+    named = {role: name if i == 0 else edits.fresh(f"{name}{role}") for i, role in enumerate(roles)}
+    junctions = []
+    for k, port in enumerate(task.ports):
+        natural = _natural("MTF", k)
+        if port.neighbour.kind == natural and port.neighbour.own is None:
+            junctions.append(port.neighbour.text)
+        else:
+            port.kind = natural
+            junctions.append(_explicit(task, port, k + 1))
+    first, second = task.ports
+    task.writer.edit(first.spot).comments += task.told
+    for k, port in enumerate(task.ports):
+        edit = task.writer.edit(port.spot)
+        explicit = (edit.head if port.inward else edit.tail) is not None
+        if explicit and "" in roles:
+            edit.extra.append(_joined(port, junctions[k], name))
+        elif not explicit and "" not in roles:
+            edit.pieces = []
+    kind = task.declaration.type.span.text
+    for role in roles[1:]:
+        edits.declare(f"{kind} {named[role]};", task.declaration)
+    if "_forth" in roles:
+        tap = edits.fresh(f"{name}_tap")
+        edits.declare(f"MSf{first.dims} {tap}(f = {junctions[0]}.f);", task.declaration)
+        task.writer.edit(second.spot).extra.append(f"{tap} {first.arrow} {named['_forth']} {second.arrow} {junctions[1]}")
+    if "_back" in roles:
+        push, end = edits.fresh(f"{name}_push"), edits.fresh(f"{name}_end")
+        edits.declare(f"MSe{second.dims} {push}(e = {junctions[1]}.e);", task.declaration)
+        edits.declare(f"J0{second.dims} {end};", task.declaration)
+        statements = [f"{junctions[0]} {first.arrow} {named['_back']} {second.arrow} {end}", f"{push} {second.arrow} {end}"]
+        task.writer.edit(first.spot).extra += statements
+    _modify_outer(task, outer, [(named[role], masks[role]) for role in roles], present)
+
+
+def _modify_outer(task: _Task, outer: OuterModulus, wanted: list[tuple[str, list[list[bool]]]], present: set[tuple[int, int]]) -> None:
+    """Give each part its share of the modulus, beside where it was given."""
+    edits = task.writer.of(outer.path, outer.unit)
+    text, whole = outer.value.span.text, outer.modifier.span
+    parameter = next(inner for inner in outer.modifier.nested if isinstance(inner, ast.Modifier) and inner.value is outer.value)
+    (_, own), *more = wanted
+    if any(not own[i][j] for i, j in present):
+        edits.replace(outer.value.span, _masked(own, text, present, factor=False))
+    new = "".join(f", {name}({parameter.name.text} = {_masked(mask, text, present, factor=False)})" for name, mask in more)
+    if new:
+        edits.replace(Span(whole.source, whole.end, whole.end), new)
 
 
 def _natural(kind: str, k: int) -> int:

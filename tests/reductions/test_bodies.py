@@ -1,0 +1,67 @@
+"""Rigid bodies from the library: classes, vectors and matrices kept, and equal to the flat form."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from driving import measure, provenance
+from test_oracle import flat_state, rates
+
+from bgdsl import pipeline
+from bgdsl.ir.activity import ActivityReport
+from bgdsl.reductions.condition import decide
+from bgdsl.reductions.determined import reinstate
+from bgdsl.reductions.rewrite_source import rewrite
+
+TWO = """import mechanics.rigid.{RigidBody, Side, Joint};
+
+model Two "two bodies joined at a point; the second is light"
+  RigidBody a(m = 100, J = {10, 20, 30}, w0 = {1, 0.2, 0.1});
+  RigidBody b(m = 0.1, J = {0.01, 0.02, 0.03}, w0 = {1, 0.2, 0.1});
+  Side pa(r = {0, 0, 0.1}, axes(T = a.R)), pb(r = {0, 0, -0.1}, axes(T = -b.R));
+  Joint pin(K = 1e5, Rd = 1e2);
+  C[3] mount(k = 1e4*identity(3));
+equation
+  a.v => mount;
+  a.v => pa.v;  a.w => pa.w;  pa.p => pin.gap;
+  b.v => pb.v;  b.w => pb.w;  pb.p => pin.gap;
+end Two;
+"""
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[pipeline.Model, ActivityReport]:
+    model = pipeline.loads(TWO)
+    return model, measure(model, stop=0.05, interval=0.01, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("threshold", [1e-4, 1e-3, 1e-2, 5e-2])
+def test_kept_and_flat_say_the_same(two: tuple[pipeline.Model, ActivityReport], threshold: float) -> None:
+    model, report = two
+    decision = reinstate(model.scalar, report, decide(model.scalar, report, threshold, guard=False))
+    assert decision.dropped
+    head = provenance(model, report, threshold)
+    kept, settled = rewrite(model.library, model.scalar, report, decision, head, form="kept")
+    assert not kept.taken_back
+    flat, _ = rewrite(model.library, model.scalar, report, settled, head, form="flat")
+    rng = random.Random(1)
+    reduced = pipeline.loads(kept.text)
+    states = {record.name: rng.uniform(-0.5, 0.5) for record in reduced.program.states}
+    found = rates(reduced, states)
+    again = pipeline.loads(flat.text)
+
+    def named(state: str) -> str:
+        return flat_state(state) if state.rpartition(".")[2][0] in "pq" else state.replace(".", "_")
+
+    wanted = rates(again, {named(state): value for state, value in states.items()})
+    assert {named(state): value for state, value in found.items()} == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+
+
+def test_a_modulus_given_from_outside_is_shared_out_there(two: tuple[pipeline.Model, ActivityReport]) -> None:
+    model, report = two
+    decision = reinstate(model.scalar, report, decide(model.scalar, report, 1e-2, guard=False))
+    kept, _ = rewrite(model.library, model.scalar, report, decision, provenance(model, report, 1e-2), form="kept")
+    assert "] .* a.R)" in kept.text
+    assert "axes_forth(T = " in kept.text or "axes_back(T = " in kept.text
+    assert "import mechanics.rigid.cardan;" in kept.text

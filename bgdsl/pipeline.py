@@ -19,7 +19,6 @@ from bgdsl.diagnostics import BgError, Diagnostic, Reporter
 from bgdsl.expr import Expr, evaluate
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.graph import BondGraph
-from bgdsl.ir.library import Library
 from bgdsl.ir.program import Assign, Program, Record, defined
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.ir.system import SortedSystem
@@ -35,6 +34,7 @@ from bgdsl.passes.sorting import sort_equations
 from bgdsl.passes.units import check_units
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library
 from bgdsl.syntax.parser import parse, read_source
 
 if TYPE_CHECKING:

@@ -33,7 +33,6 @@ from bgdsl.ir.graph import (
     Signal,
     SignalEquation,
 )
-from bgdsl.ir.library import Library
 from bgdsl.passes import fuse, laws, statements
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.inline import RECURSIVE
@@ -53,6 +52,7 @@ from bgdsl.passes.parts import (
 )
 from bgdsl.source import Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library
 
 WHICH_MODEL = Code("BG609", "it is not clear which model is meant")
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
-from bgdsl.ir.library import Imported, Library, Module
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Imported, Library, Module
 
 NOT_FOUND = Code("BG201", "an imported file cannot be read")
 CYCLE = Code("BG202", "files import each other in a circle")

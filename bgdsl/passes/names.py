@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.ir.domains import DOMAINS
 from bgdsl.ir.elements import JUNCTIONS, KINDS
-from bgdsl.ir.library import Library, Module
 from bgdsl.source import Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library, Module
 
 UNKNOWN_CLASS = Code("BG210", "unknown class")
 DUPLICATE = Code("BG211", "a name is declared twice")

@@ -10,12 +10,12 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from bgdsl.syntax.library import Library, Module
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError, walk
 from bgdsl.reductions.specialise import Variant, Variants, class_edits, spliced
 from bgdsl.reductions.statements import _with_line
 from bgdsl.source import Edit, Span, apply_edits
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library, Module
 
 SHIPPED = Path(__file__).parent.parent / "library"
 

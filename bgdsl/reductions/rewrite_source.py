@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Literal
 
 from bgdsl.ir.activity import ActivityReport
-from bgdsl.syntax.library import Library
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
@@ -29,6 +28,7 @@ from bgdsl.reductions.source_map import SourceMap, UnwritableError
 from bgdsl.reductions.specialise import specialise, term_mark
 from bgdsl.reductions.two_ports import write_split
 from bgdsl.source import Edit
+from bgdsl.syntax.library import Library
 
 
 @dataclass(frozen=True, slots=True)

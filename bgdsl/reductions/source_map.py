@@ -9,9 +9,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 
 from bgdsl.ir.graph import BondGraph, Origin
-from bgdsl.syntax.library import Library, Module
 from bgdsl.source import Span
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library, Module
 
 
 class UnwritableError(Exception):

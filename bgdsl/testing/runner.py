@@ -17,8 +17,8 @@ import numpy as np
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Code, Diagnostic, Reporter, did_you_mean
 from bgdsl.explanations import titles
-from bgdsl.syntax.library import Library
 from bgdsl.syntax import ast
+from bgdsl.syntax.library import Library
 from bgdsl.syntax.parser import read_source
 from bgdsl.testing.expressions import CANNOT, UNKNOWN, Evaluation, Recorded, UnavailableError
 from bgdsl.testing.places import moved

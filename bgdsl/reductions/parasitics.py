@@ -1,13 +1,13 @@
 """Parasitic springs and dampers made as soft as they may be (Rideout and Stein 2003).
 
-Input        a flat graph; how a run with given parameters deflects them and what activity they have (a callable)
+Input        a flat graph; how a run with given parameters deflects them and what share of activity they have (a callable)
 Output       Tuning      new values of the parameters that the parasitic elements read
-Establishes  in the last run every deflection and every relative activity stays below its limit
+Establishes  in the last run every deflection and every group's share of activity stays below its limit
 Reports      nothing
 
 A soft joint violates its constraint by about force over stiffness, and a stiff one costs steps. One factor serves all instances of
-one declared parameter (the six crank pins stay alike); it is moved until the largest deflection, or the largest relative
-activity, comes close below its limit. Damping goes with the root of the stiffness beside it, which keeps the damping ratio.
+one declared parameter (the six crank pins stay alike); it is moved until the largest deflection, or the group's activity,
+comes close below its limit. Damping goes with the root of the stiffness beside it, which keeps the damping ratio.
 """
 
 from __future__ import annotations
@@ -38,20 +38,21 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What a run shows of the parasitic elements: the largest deflection of each state, the largest rho of each element's terms."""
+    """What a run shows of the parasitic elements: the largest deflection of each state, each element's share of all
+    elements' activity."""
 
     deflection: Mapping[str, float]
-    rho: Mapping[str, float]
+    share: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """A group after tuning: the factor on its parameters, its largest deflection and rho in the last run, and their limits."""
+    """A group after tuning: the factor on its parameters, its largest deflection and its share of activity in the last run."""
 
     group: Group
     factor: float
     deflection: float
-    rho: float
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +101,7 @@ def tune(
     start: Mapping[str, float],
     observe: Callable[[Mapping[str, float]], Observed],
     limit: Callable[[str], float],
-    most_rho: float,
+    most_share: float,
     *,
     runs: int = 10,
     slack: float = 0.1,
@@ -116,7 +117,7 @@ def tune(
     made = 0
     for made in range(1, runs + 1):
         seen = observe(_values(found, factors, start))
-        ratio = {group.name: max(_worst(group, seen, limit, most_rho), 1e-6) for group in springs}
+        ratio = {group.name: max(_worst(group, seen, limit, most_share), 1e-6) for group in springs}
         if all(1 - slack <= r <= 1 for r in ratio.values()):
             break
         if made == runs:
@@ -134,9 +135,13 @@ def _values(found: tuple[Group, ...], factors: Mapping[str, float], start: Mappi
     return {name: float(f"{start[name] * factors[group.name]:.2e}") for group in found for name in group.parameters}
 
 
-def _worst(group: Group, seen: Observed, limit: Callable[[str], float], most_rho: float) -> float:
+def _worst(group: Group, seen: Observed, limit: Callable[[str], float], most_share: float) -> float:
     deflection = max((seen.deflection[state] / limit(state) for state in group.states), default=0.0)
-    return max(deflection, max((seen.rho.get(name, 0.0) / most_rho for name in group.elements), default=0.0))
+    return max(deflection, _share(group, seen) / most_share)
+
+
+def _share(group: Group, seen: Observed) -> float:
+    return sum(seen.share.get(name, 0.0) for name in group.elements)
 
 
 def _follow(found: tuple[Group, ...], factors: dict[str, float]) -> None:
@@ -149,7 +154,7 @@ def _follow(found: tuple[Group, ...], factors: dict[str, float]) -> None:
 
 def _tuned(group: Group, factor: float, seen: Observed) -> Tuned:
     deflection = max((seen.deflection.get(state, 0.0) for state in group.states), default=0.0)
-    return Tuned(group, factor, deflection, max((seen.rho.get(name, 0.0) for name in group.elements), default=0.0))
+    return Tuned(group, factor, deflection, _share(group, seen))
 
 
 # ------------------------------------------------------------------------------------------------------------------ text

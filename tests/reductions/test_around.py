@@ -10,7 +10,9 @@ from driving import condition, measure, provenance
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError
+from bgdsl.expr import evaluate
 from bgdsl.ir.activity import ActivityReport
+from bgdsl.reductions.certificate import leak
 from bgdsl.reductions.compare import Shaft, compare_output
 from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.mora import eliminate, least_active
@@ -115,3 +117,22 @@ def test_what_cannot_be_written_at_all_is_refused_with_BG703(lever: pipeline.Mod
 
     with pytest.raises(BgError, match="BG703"):
         repaired(lever.scalar, lever_report, Decision(0.5, frozenset({3}), (), frozenset(), ()), write, lambda text: None)
+
+
+def test_the_leak_certificate_closes(lever: pipeline.Model, lever_report: ActivityReport) -> None:
+    from test_condition import rates
+
+    result, decision = condition(lever, lever_report, 0.025)
+    reduced = pipeline.loads(result.text)
+    at = {"massA_p": 70.0, "springA_q": 0.01, "massB_p": 0.3, "springB_q": -0.002}
+    found = rates(reduced, **at)
+    p = {"mA": 100.0, "kA": 1e5, "RA": 200.0, "mB": 0.5, "kB": 2000.0, "RB": 5.0, "ratio": 1.5}
+    v_a, v_b = at["massA_p"] / p["mA"], at["massB_p"] / p["mB"]
+    relative = p["ratio"] * v_a - v_b
+    stored = v_a * found["massA.p"] + p["kA"] * at["springA_q"] * found["springA.q"]
+    stored += v_b * found["massB.p"] + p["kB"] * at["springB_q"] * found["springB.q"]
+    taken = p["RA"] * v_a**2 + p["RB"] * relative**2
+    force = p["kB"] * at["springB_q"] + p["RB"] * relative
+    values = {"vA.f": v_a, "F2.e": force, "lever.m": p["ratio"]}
+    assert stored + taken == pytest.approx(evaluate(leak(lever.scalar, decision.dropped), values), rel=1e-12)
+    assert evaluate(leak(lever.scalar, ()), values) == 0.0

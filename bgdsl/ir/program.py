@@ -54,6 +54,10 @@ class SolveNewton:
 
 Step = Assign | SolveLinear | SolveNewton
 
+OFFSETS = (0.0, 0.01, -0.01, 1.0, -1.0)
+"""How far from the guesses iterations begin, in shares of 1 + abs(guess): the next where one fails. A law may have no derivative, or
+no value, at the guess itself, as sqrt(x) and log(x) at 0."""
+
 
 @dataclass(frozen=True, slots=True)
 class Record:

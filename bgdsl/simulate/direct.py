@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from bgdsl.expr import FUNCTIONS, Expr, Table, topological
 from bgdsl.ir.native import parameter_names
-from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton, Step
+from bgdsl.ir.program import OFFSETS, Assign, Program, SolveLinear, SolveNewton, Step
 
 if TYPE_CHECKING:
     import numpy as np
@@ -169,6 +169,9 @@ def _newton(step: SolveNewton, tables: Mapping[str, Table]) -> Callable[[Mutable
     def attempt(z: Floats, values: MutableMapping[str, float], time: float) -> float | None:
         r = residual_at(z, values, time)
         for _ in range(100):
+            if not r.any():  # solved, whatever the derivatives are here
+                last[:] = [z]
+                return None
             matrix = np.zeros((n, n))
             matrix[rows, columns] = entries(values, time)
             if not (np.isfinite(matrix).all() and np.isfinite(r).all()):
@@ -187,7 +190,7 @@ def _newton(step: SolveNewton, tables: Mapping[str, Table]) -> Callable[[Mutable
                 if factor < 1e-12:
                     return float(np.abs(r).max())
             z, r = new, r_new
-            if np.abs(move).max() <= 1e-13 * max(1.0, float(np.abs(z).max())) or not r.any():
+            if np.abs(move).max() <= 1e-13 * max(1.0, float(np.abs(z).max())):
                 last[:] = [z]
                 return None
         return float(np.abs(r).max())
@@ -195,7 +198,13 @@ def _newton(step: SolveNewton, tables: Mapping[str, Table]) -> Callable[[Mutable
     def solve(values: MutableMapping[str, float], time: float) -> float | None:
         if last and attempt(last[0], values, time) is None:
             return None
-        return attempt(np.array(guesses(values, time)), values, time)
+        first = np.array(guesses(values, time))
+        left = None
+        for offset in OFFSETS:
+            left = attempt(first + offset * (1.0 + np.abs(first)), values, time)
+            if left is None:
+                return None
+        return left
 
     return solve
 

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from itertools import count
 
 from bgdsl.backends.native.numbers import literal
+from bgdsl.ir.program import OFFSETS
 
 
 class _Routine:
@@ -258,12 +259,17 @@ def _newton(numbers: Iterator[int]) -> str:
             r.store("%warm", i, r.load(z, i))
         r.leave("i32 0")
 
-    with r.loop("0", "2") as attempt:
-        is_second = r.new(f"icmp eq i64 {attempt}, 1")
+    with r.loop("0", str(len(OFFSETS) + 1)) as attempt:
+        is_warm = r.new(f"icmp eq i64 {attempt}, 0")
+        offset = "0.0"
+        for k, share_of_guess in enumerate(OFFSETS, start=1):
+            offset = r.new(f"select i1 {r.new(f'icmp eq i64 {attempt}, {k}')}, double {literal(share_of_guess)}, double {offset}")
         with r.loop("0", "%n") as i:
             warm = r.load("%warm", i)
-            cold = r.new(f"or i1 {is_second}, {r.test('uno', warm, warm)}")
-            r.store(z, i, r.new(f"select i1 {cold}, double {r.load(guess, i)}, double {warm}"))
+            cold = r.new(f"or i1 {r.new(f'xor i1 {is_warm}, true')}, {r.test('uno', warm, warm)}")
+            first = r.load(guess, i)
+            moved = r.float("fadd", first, r.float("fmul", offset, r.float("fadd", "1.0", r.size(first))))
+            r.store(z, i, r.new(f"select i1 {cold}, double {moved}, double {warm}"))
         evaluate()
         iterations = r.variable("i64")
         r.set(iterations, str(_STEPS), "i64")
@@ -272,6 +278,11 @@ def _newton(numbers: Iterator[int]) -> str:
         left = r.get(iterations, "i64")
         r.do(f"br i1 {r.new(f'icmp sgt i64 {left}, 0')}, label %go{name}, label %failed{name}\ngo{name}:")
         r.set(iterations, r.integer("sub", left, "1"), "i64")
+        r.set(largest, "0.0")
+        with r.loop("0", "%n") as i:
+            r.largest(largest, r.size(r.load(f, i)))
+        with r.when(r.test("oeq", r.get(largest), "0.0")):  # solved, whatever the derivatives are here
+            finish()
         r.set(largest, "0.0")
         with r.loop("0", "%n") as i:
             row = r.row(matrix, i, "%n")

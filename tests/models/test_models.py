@@ -97,7 +97,6 @@ def test_four_bar_closes_and_keeps_its_energy() -> None:
 def test_double_pendulum() -> None:
     run = simulate("double_pendulum", 2.0, "x1", "y1", "x2", "y2")
     # the equations of the two angles, integrated at 1e-11
-    known = DP
     assert [run[name][-1] for name in ("x1", "y1", "x2", "y2")] == pytest.approx(
         (-0.257903737, -0.966170618, -0.904424623, -1.234518796), abs=2e-6
     )

@@ -336,3 +336,50 @@ def verify(
         console.out(f"{found.reduced} does not hold for {found.now}; to reinstate:\n")
         console.out(console.table(("junction", "term", "old rho", "new rho", ""), rows, right=(2, 3)))
     return int(bool(found.terms))
+
+
+Violation = Annotated[float, typer.Option("--violation", metavar="M", min=1e-15, help="Largest deflection of a parasitic spring, in m.")]
+Twist = Annotated[float, typer.Option("--twist", metavar="RAD", min=1e-15, help="The same between rotations, in rad.")]
+Share = Annotated[str, typer.Option("--activity", metavar="SHARE", help="Largest share of all activity for one kind of joint.")]
+TunedFile = Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", help="Where to write the model with the new values.")]
+
+
+@app.command()
+def tune(
+    file: arg.File,
+    output: TunedFile,
+    violation: Violation = 2.5e-5,
+    twist: Twist = 1e-4,
+    activity: Share = "0.1%",
+    model: arg.ModelName = None,
+    experiment: arg.ExperimentName = None,
+    set_: arg.Set = None,
+    stop: arg.Stop = None,
+    tolerance: arg.Tolerance = None,
+    method: arg.Method = None,
+    path: arg.Search = None,
+    force: arg.Force = False,
+    format: arg.OutputFormat = arg.Format.TEXT,
+) -> int:
+    """Find the softest parasitic springs and dampers that keep their limits; status 1 where none was found."""
+    from bgdsl import pipeline, reduce, tuning
+    from bgdsl.cli.files import write
+
+    loaded = pipeline.load(file, model, search=path or ())
+    share = arg.fraction(activity, "--activity")
+    with console.progress(f"tuning {loaded.name}") as progress:
+        scenario = reduce.Scenario(experiment, arg.settings(set_), _given(stop=stop, tolerance=tolerance, method=method), progress)
+        found = tuning.tune_parasitics(loaded, scenario, violation=violation, twist=twist, activity=share)
+    write(output, found.source, ours=lambda start: start.startswith("// Parasitic values of "), force=force)
+    rows = [(t.group.name, f"{t.factor:.3g}", f"{t.deflection:.3g}", f"{100 * t.share:.3g} %") for t in found.tuning.groups]
+    if format is arg.Format.JSON:
+        groups = [
+            {"parameter": t.group.name, "factor": t.factor, "deflection": t.deflection, "share": t.share} for t in found.tuning.groups
+        ]
+        document = {"model": loaded.name, "output": str(output), "runs": found.tuning.runs, "settled": found.tuning.settled}
+        console.out_json({**document, "groups": groups, "values": dict(found.tuning.values)})
+    else:
+        console.out(console.table(("parameter", "factor", "deflection", "activity"), rows, right=(1, 2, 3)))
+    if not found.tuning.settled:
+        console.message(f"no values were found within the limits in {found.tuning.runs} runs; the last ones were written")
+    return int(not found.tuning.settled)

@@ -17,7 +17,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from bgdsl.expr import leaves
+from bgdsl.expr import Expr, leaves
 from bgdsl.ir.graph import BondGraph, Element
 
 
@@ -68,10 +68,11 @@ class Tuning:
 def groups(graph: BondGraph) -> tuple[Group, ...]:
     """The groups of a model, springs first, in declaration order."""
     found: dict[tuple[str, str], _Members] = {}
+    defaults = {name: value for p in graph.parameters for name, value in zip(p.scalars(), p.values, strict=True)}
     for element in graph.elements:
         if not element.parasitic or element.kind not in ("C", "R") or element.linear is None:
             continue
-        for leaf in _parameters(element):
+        for leaf in _parameters(element, defaults):
             key = re.sub(r"\[[\d,]+\]", "", leaf), element.kind
             members = found.setdefault(key, _Members())
             members.parameters.setdefault(leaf)
@@ -88,12 +89,16 @@ class _Members:
     states: dict[str, None] = field(default_factory=dict)
 
 
-def _parameters(element: Element) -> Iterator[str]:
+def _parameters(element: Element, defaults: Mapping[str, Expr]) -> Iterator[str]:
+    """The parameters that the element's law reads, each followed through plain bindings (`C stiff(k = K)`) to where it is set."""
     assert element.linear is not None
     name, rows = element.linear
     if name in ("k", "R"):  # stiffness and damping; compliances and conductances go the other way and are left alone
         for leaf in leaves([entry for row in rows for entry in row], "param"):
-            yield leaf.data
+            name = leaf.data
+            while defaults[name].op == "param":
+                name = defaults[name].data
+            yield name
 
 
 def tune(
@@ -167,14 +172,16 @@ def heir_text(model: str, module: str, graph: BondGraph, values: Mapping[str, fl
     for scalar, value in values.items():
         shape = shapes[scalar]
         parts = (scalar.rpartition("[")[0] if shape else scalar).split(".")
+        names = [
+            ("each " if before.endswith("]") else "") + part.partition("[")[0] for before, part in zip(["", *parts], parts, strict=False)
+        ]
         node = tree
-        for part in parts[:-1]:
-            base, _, index = part.partition("[")
-            child = node.setdefault(("each " if index else "") + base, {})
+        for name in names[:-1]:
+            child = node.setdefault(name, {})
             assert isinstance(child, dict)
             node = child
         text = f"{value:g}"
-        node[parts[-1]] = text if not shape else f"fill({text}, {', '.join(str(n) for n in shape)})"
+        node[names[-1]] = text if not shape else f"fill({text}, {', '.join(str(n) for n in shape)})"
     return f"""{note}
 import {module}.{model};
 

@@ -77,6 +77,7 @@ class _FlatWriter:
         self.parameters: dict[str, None] = {}
         self.tables: dict[str, None] = {}
         self.sources: set[str] = set()
+        self.classes: list[str] = []
         self.held: dict[int | str, list[tuple[str, float]]] = {}
         for (reader, signal), held in part.frozen.items():
             self.held.setdefault(reader, []).append((signal, held))
@@ -127,15 +128,19 @@ class _FlatWriter:
                 yield term
 
     def port_name(self, element: Element, term: Term) -> str:
-        if self.is_whole(element):
+        if element.kind == "field" or self.is_whole(element):
             return self.name(element.name)
         return self.name(f"{element.name}[{term.spot + 1}]" if element.ports[term.port].size is not None else element.name)
 
     def port_variable(self, element: Element, term: Term, here: str, letter: str) -> str:
+        if element.kind == "field":
+            return element.ports[term.port].variable(here, letter, term.spot)
         return f"{here}.{letter}[{term.spot + 1}]" if self.is_whole(element) else f"{here}.{letter}"
 
     def is_whole(self, element: Element) -> bool:
         """Must a vector element stay whole, since its components are tied together?"""
+        if element.kind == "field":
+            return False
         if element.ports[0].size is None:
             return False
         own = {element.ports[0].variable(element.name, x, i): i for x in "efpq" for i in range(element.ports[0].width)}
@@ -218,10 +223,14 @@ class _FlatWriter:
         element = self.elements[term.element or ""]
         if element.name in self.part.gone:
             return
-        if element.kind == "field":
-            raise UnwritableError((term.index,), f"`{element.name}` is a user's element, which has no flat form")
+        if element.kind == "field" and element.name not in whole:
+            whole.add(element.name)
+            self.write_field(element)
         here, junction = self.port_name(element, term), self.junction_names[term.junction]
-        if not self.is_whole(element):
+        if element.kind == "field":
+            port = element.ports[term.port]
+            end = f"{here}.{port.name}" + (f"[{term.spot + 1}]" if port.size is not None else "")
+        elif not self.is_whole(element):
             self.head.append(f"{element.kind} {here}({', '.join(self.law(element, term))}){_quoted(element.comment)};")
             end = here
         else:
@@ -241,6 +250,40 @@ class _FlatWriter:
             self.statements += [f"{end} -> {meeting};", f"{drive} -> {meeting};"]
         else:
             self.statements.append(f"{drive} -> {end};")
+
+    def write_field(self, element: Element) -> None:
+        """A user's element: its class, with what it reads as inputs and parameters, and the instance that binds them."""
+        if any(term.element == element.name and term.junction not in self.part.junctions for term in self.scalar.terms):
+            raise UnwritableError((), f"`{element.name}` would be cut in two")
+        here = self.name(element.name)
+        local = {
+            port.variable(element.name, x, i): port.variable("", x, i)[1:]
+            for port in element.ports
+            for x in "ef"
+            for i in range(port.width)
+        }
+        roots = self.bound(tuple(side for law in element.laws for side in (law.left, law.right)))
+        bound: dict[Expr, Expr] = {}
+        lines: list[str] = []
+        arguments: list[str] = []
+        for leaf in [node for node in topological(roots) if node.op in ("var", "param")]:
+            if leaf.data in local:
+                bound[leaf] = var(local[leaf.data])
+                continue
+            own = flat_name(leaf.data)
+            bound[leaf] = var(own)
+            lines.append(f"  {'parameter' if leaf.op == 'param' else 'input'} Real {own};")
+            arguments.append(f"{own} = {self.read(leaf)[0]}")
+        texts = [to_text(root) for root in substitute(roots, bound)]
+        self.tables.update((node.data[0], None) for node in topological(roots) if node.op == "table")
+        ports = [
+            f"  port {'in' if port.inward else 'out'} Generic{'' if port.size is None else f'[{port.size}]'} {port.name};"
+            for port in element.ports
+        ]
+        laws = [f"  {left} = {right};" for left, right in zip(texts[::2], texts[1::2], strict=True)]
+        kind = f"{here}_element"
+        self.classes.append("\n".join([f"element {kind}", *ports, *lines, "equation", *laws, f"end {kind};"]))
+        self.head.append(f"{kind} {here}{f'({chr(44).join(arguments)})' if arguments else ''};")
 
     def law(self, element: Element, term: Term) -> list[str]:
         """The arguments of a scalar one-port: its law in its own letters, starts, flags."""
@@ -402,7 +445,8 @@ class _FlatWriter:
         lines += [f"  {line}" for line in (*self.statements, *checks)]
         if initial:
             lines += ["initial equation", *(f"  {line}" for line in initial)]
-        return "\n".join([*lines, f"end {name};", ""])
+        classes = [f"\n{text}" for text in self.classes]
+        return "\n".join([*lines, f"end {name};", *classes, ""])
 
     def initial(self) -> list[str]:
         lines = []

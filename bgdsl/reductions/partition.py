@@ -20,6 +20,7 @@ from bgdsl.reductions.condition import Decision, decide, settle
 from bgdsl.reductions.determined import gone_elements, reinstate
 from bgdsl.reductions.flat_text import FlatPart, flat_name, flat_text
 from bgdsl.reductions.rewrite_source import Provenance, term_comments
+from bgdsl.reductions.source_map import UnwritableError, refuse
 
 Needs = Callable[[frozenset[int]], Dependencies]
 Split = Callable[[Dependencies, Collection[Edge]], Partitions]
@@ -151,8 +152,24 @@ def write_partitions(
     changed: Mapping[str, float] | None = None,
     wanted: Collection[int] | None = None,
 ) -> tuple[Written, ...]:
-    """The file of each partition (or of those wanted). changed: parameters that get new defaults."""
-    parts = [_part(scalar, result, partition, changed or {}) for partition in result.partitions.partitions]
+    """The file of each partition (or of those wanted). changed: parameters that get new defaults. BG703 if one cannot be written."""
+    try:
+        return _all_written(scalar, report, result, provenance, stem, folder, changed or {}, wanted)
+    except UnwritableError as problem:
+        refuse(scalar.graph, problem.reason)
+
+
+def _all_written(
+    scalar: ScalarGraph,
+    report: ActivityReport,
+    result: Partitioning,
+    provenance: Provenance,
+    stem: str,
+    folder: Path | None,
+    changed: Mapping[str, float],
+    wanted: Collection[int] | None,
+) -> tuple[Written, ...]:
+    parts = [_part(scalar, result, partition, changed) for partition in result.partitions.partitions]
     comments = term_comments(scalar, report)
     annotation = provenance.annotation()
     asked = [flat_text(scalar, part, annotation, comments, folder=folder)[1] for part in parts]

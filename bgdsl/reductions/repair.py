@@ -9,15 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.rewrite import Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, settle
-from bgdsl.reductions.source_map import UnwritableError
-from bgdsl.source import Span
-
-NOT_WRITTEN = Code("BG703", "a reduced model cannot be written")
+from bgdsl.reductions.source_map import UnwritableError, refuse
 
 Write = Callable[[Decision], tuple[Rewrite, Decision]]
 Try = Callable[[str], str | None]
@@ -37,7 +33,6 @@ def repaired(scalar: ScalarGraph, report: ActivityReport, decision: Decision, wr
             if problem is None:
                 return result, settled
         if not settled.dropped:
-            origin = scalar.graph.sources[0]
-            Reporter().fail(NOT_WRITTEN, f"the reduced model cannot be written: {problem}", Span(origin, 0, 0))
+            refuse(scalar.graph, problem)
         order = sorted(settled.dropped, key=lambda t: (-records[t].rho, t))
         decision = settle(scalar, settled.without(order[: max(1, len(order) // 8)]))

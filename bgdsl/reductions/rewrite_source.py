@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from bgdsl.diagnostics import BgError
 from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
@@ -24,7 +25,7 @@ from bgdsl.reductions.determined import gone_elements
 from bgdsl.reductions.documents import document
 from bgdsl.reductions.flat_text import everything, flat_text
 from bgdsl.reductions.plan import Plan, plan
-from bgdsl.reductions.source_map import SourceMap, UnwritableError
+from bgdsl.reductions.source_map import SourceMap, UnwritableError, refuse
 from bgdsl.reductions.specialise import specialise, term_mark
 from bgdsl.reductions.two_ports import write_split
 from bgdsl.source import Edit
@@ -78,7 +79,7 @@ def rewrite(
 
     folder: where the file goes, if not beside the model; more: further edits of the main file. form: `kept` keeps the classes, and
     takes back the terms that cannot be written so; `flat` writes one flat model; `auto` is flat where `kept` would have to take terms
-    back. UnwritableError if the file cannot be put together at all.
+    back. BG703 if the file cannot be put together at all.
     """
     if plan(scalar, decision).empty and not more and not changed:
         return Rewrite(library.main.source.text), decision
@@ -88,10 +89,10 @@ def rewrite(
         result, settled = _kept(library, scalar, report, decision, provenance, folder, more)
     except UnwritableError as problem:
         if form == "kept":
-            raise
+            refuse(scalar.graph, problem.reason)
         return _flat(scalar, report, decision, provenance, folder, changed or {}, {-1: problem.reason}), decision
     if form == "auto" and result.taken_back:
-        with suppress(UnwritableError):
+        with suppress(BgError):
             return _flat(scalar, report, decision, provenance, folder, changed or {}, result.taken_back), decision
     return result, settled
 
@@ -132,7 +133,10 @@ def _flat(
 ) -> Rewrite:
     comments = term_comments(scalar, report)
     part = replace(everything(scalar, decision.dropped, gone_elements(scalar, decision)), changed=changed)
-    text, _ = flat_text(scalar, part, provenance.annotation(), comments, folder=folder)
+    try:
+        text, _ = flat_text(scalar, part, provenance.annotation(), comments, folder=folder)
+    except UnwritableError as problem:
+        refuse(scalar.graph, problem.reason)
     changes = tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(decision.dropped))
     return Rewrite(text, changes, flat=True, reasons=tuple(dict.fromkeys(reasons.values())))
 

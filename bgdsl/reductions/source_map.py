@@ -7,11 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from typing import NoReturn
 
+from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.graph import BondGraph, Origin
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
+
+NOT_WRITTEN = Code("BG703", "a reduced model cannot be written")
+
+
+def refuse(graph: BondGraph, reason: str) -> NoReturn:
+    """End the work: the reduced model cannot be written."""
+    Reporter().fail(NOT_WRITTEN, f"the reduced model cannot be written: {reason}", Span(graph.sources[0], 0, 0))
 
 
 class UnwritableError(Exception):

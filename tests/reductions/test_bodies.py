@@ -65,3 +65,25 @@ def test_a_modulus_given_from_outside_is_shared_out_there(two: tuple[pipeline.Mo
     assert "] .* a.R)" in kept.text
     assert "axes_forth(T = " in kept.text or "axes_back(T = " in kept.text
     assert "import mechanics.rigid.cardan;" in kept.text
+
+
+def test_a_user_s_element_has_a_flat_form() -> None:
+    from pathlib import Path
+
+    import bgdsl
+    from bgdsl.reductions.flat_text import everything, flat_text
+
+    examples = Path(bgdsl.__file__).parent / "library" / "mechanics" / "rigid_examples.bg"
+    model = pipeline.load(examples, "HangingByHinge")
+    assert any(element.kind == "field" for element in model.graph.elements)
+    text, inputs = flat_text(model.scalar, everything(model.scalar, frozenset(), frozenset()), "", {})
+    assert inputs == ()
+    again = pipeline.loads(text)
+    rng = random.Random(2)
+    states = {record.name: rng.uniform(-0.3, 0.3) for record in model.program.states}
+
+    def named(state: str) -> str:
+        return flat_state(state) if state.rpartition(".")[2][0] in "pq" else state.replace(".", "_")
+
+    found = rates(again, {named(state): value for state, value in states.items()})
+    assert found == pytest.approx({named(state): value for state, value in rates(model, states).items()}, rel=1e-12, abs=1e-12)

@@ -178,7 +178,7 @@ def _symbol(symbol: str) -> Unit:
     return SI[symbol] if symbol in SI else ask_pint(symbol)
 
 
-_SPELLINGS = {"%": "percent", "°C": "degC", "Ω": "ohm", "Ohm": "ohm", "l": "liter", "L": "liter"}
+_SPELLINGS = {"%": "percent", "rev": "turn", "°C": "degC", "Ω": "ohm", "Ohm": "ohm", "l": "liter", "L": "liter"}
 
 
 @cache

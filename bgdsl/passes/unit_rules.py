@@ -77,6 +77,8 @@ class Rules:
             case "atan2":
                 self._same(node, node.args, units)
                 return PURE
+            case "add" if _is_shifted(units):
+                return None  # `T + 273.15` changes the scale, `T - T0` is a difference
             case op if op in _SAME:
                 common = self._same(node, node.args, units)
                 return common if op in ("add", "min", "max") else PURE
@@ -115,6 +117,12 @@ class Rules:
         if last.op != "const":
             return base if base.dimensionless and base.factor == 1.0 else None
         return power(base, Fraction(last.data).limit_denominator(1000))
+
+
+def _is_shifted(units: list[Unit | None]) -> bool:
+    """Whether one is a temperature with its own zero, and the others could be added to it."""
+    found = [unit for unit in units if unit is not None and unit is not PURE]
+    return any(unit.offset for unit in found) and len({unit.exponents for unit in found}) == 1
 
 
 def _bare(value: float) -> bool:

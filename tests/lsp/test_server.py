@@ -1,0 +1,170 @@
+"""The editor server, driven as an editor does: over a pair of pipes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pygls")
+
+LEVER = (Path(__file__).parents[2] / "models" / "lever.bg").read_text()
+WRONG = "model M\n  J1 v;  I mass(I = 0);  R damper(R = 1);\nequation\n  v -> mass, damper;\nend M;\n"
+
+
+class Editor:
+    """A client of `bgc lsp`."""
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-m", "bgdsl", "lsp"]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        self.count = 0
+        self.answer = self.ask("initialize", {"processId": None, "rootUri": None, "capabilities": {}})
+        self.tell("initialized", {})
+
+    def __enter__(self) -> Editor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def tell(self, method: str, params: Any) -> None:
+        self._send({"jsonrpc": "2.0", "method": method, "params": params})
+
+    def ask(self, method: str, params: Any) -> Any:
+        self.count += 1
+        self._send({"jsonrpc": "2.0", "id": self.count, "method": method, "params": params})
+        return next(m for m in self._messages() if m.get("id") == self.count)["result"]
+
+    def _send(self, message: dict[str, Any]) -> None:
+        assert self.process.stdin
+        body = json.dumps(message).encode()
+        self.process.stdin.write(b"Content-Length: %d\r\n\r\n" % len(body) + body)
+        self.process.stdin.flush()
+
+    def _messages(self) -> Iterator[dict[str, Any]]:
+        assert self.process.stdout
+        while header := self.process.stdout.readline():
+            length = int(header.split(b":")[1])
+            while self.process.stdout.readline().strip():
+                pass
+            yield json.loads(self.process.stdout.read(length))
+
+    def open(self, path: Path, text: str) -> list[dict[str, Any]]:
+        self.tell("textDocument/didOpen", {"textDocument": {"uri": path.as_uri(), "languageId": "bg", "version": 1, "text": text}})
+        return self.diagnostics(path)
+
+    def change(self, path: Path, text: str) -> list[dict[str, Any]]:
+        self.tell("textDocument/didChange", {"textDocument": {"uri": path.as_uri(), "version": 2}, "contentChanges": [{"text": text}]})
+        return self.diagnostics(path)
+
+    def diagnostics(self, path: Path) -> list[dict[str, Any]]:
+        """The next diagnostics published for a file."""
+        published = (m["params"] for m in self._messages() if m.get("method") == "textDocument/publishDiagnostics")
+        return next(p["diagnostics"] for p in published if p["uri"] == path.as_uri())
+
+    def about(self, path: Path, method: str, **more: Any) -> Any:
+        return self.ask(f"textDocument/{method}", {"textDocument": {"uri": path.as_uri()}, **more})
+
+
+@pytest.fixture(scope="module")
+def editor() -> Iterator[Editor]:
+    with Editor() as client:
+        yield client
+
+
+def test_diagnostics_come_and_go(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "m.bg"
+    (found,) = editor.open(path, WRONG)
+    assert found["code"] == "BG256" and found["source"] == "bgc" and found["severity"] == 1
+    assert found["range"]["start"]["line"] == 1
+    assert editor.change(path, WRONG.replace("I = 0", "I = 1")) == []
+
+
+def test_columns_count_as_the_editor_counts(editor: Editor, tmp_path: Path) -> None:
+    text = 'model M\n  J1 v "\N{BRIDGE AT NIGHT}";  I mass(I = nothing);  R r(R = 1);\nequation\n  v -> mass, r;\nend M;\n'
+    (found,) = editor.open(tmp_path / "wide.bg", text)
+    line = text.splitlines()[1]
+    assert found["range"]["start"] == {"line": 1, "character": len(line[: line.index("nothing")].encode("utf-16-le")) // 2}
+
+
+def test_an_error_of_an_imported_file_is_shown(editor: Editor, tmp_path: Path) -> None:
+    (tmp_path / "part.bg").write_text("model Part J1 v end Part;")
+    found = editor.open(tmp_path / "whole.bg", "import part.Part;\nmodel Whole\n  Part p;\nend Whole;\n")
+    assert found and found[0]["range"]["start"] == {"line": 0, "character": 0}
+    assert found[0]["relatedInformation"][0]["location"]["uri"] == (tmp_path / "part.bg").as_uri()
+
+
+def test_formatting(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "f.bg"
+    editor.open(path, WRONG.replace("  v -> mass", "v->mass"))
+    (edit,) = editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True})
+    assert "  v -> mass, damper;\n" in edit["newText"]
+    assert edit["range"] == {"start": {"line": 0, "character": 0}, "end": {"line": 5, "character": 0}}
+    editor.change(path, edit["newText"])
+    assert editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True}) == []
+    editor.change(path, "model")
+    assert editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True}) is None
+
+
+def test_the_outline(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "lever.bg"
+    assert editor.open(path, LEVER) == []
+    (model,) = editor.about(path, "documentSymbol")
+    assert model["name"] == "Lever" and model["detail"] == "two mass-spring-dampers coupled by a lever"
+    names = [child["name"] for child in model["children"]]
+    assert names[:2] == ["mA", "mB"] and "springA" in names and "kick" in names
+
+
+def test_hovering_explains(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "h.bg"
+    editor.open(path, WRONG)
+    found = editor.about(path, "hover", position={"line": 1, "character": 12})
+    assert found["contents"]["kind"] == "markdown" and found["contents"]["value"].startswith("# an element's value is zero")
+    assert editor.about(path, "hover", position={"line": 0, "character": 0}) is None
+
+
+def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "broken.bg"
+    editor.open(path, "")
+    position = {"line": 0, "character": 3}
+    broken = [
+        "model",
+        "\x00",
+        "model A end B;",
+        '"',
+        "/*",
+        "((((",
+        "test",
+        "import ;",
+        "\r\n\tmodel M\r\n",
+        "}" * 500,
+        "model M J1 v; equation v -> ; end M;",
+    ]
+    for text in [*broken, *(LEVER[:n] for n in range(0, len(LEVER), 97))]:
+        editor.change(path, text)
+        editor.about(path, "documentSymbol")
+        editor.about(path, "hover", position=position)
+        editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True})
+    assert editor.change(path, LEVER) == []
+
+
+def test_what_is_offered(editor: Editor) -> None:
+    offered = editor.answer["capabilities"]
+    assert offered["documentFormattingProvider"] and offered["documentSymbolProvider"] and offered["hoverProvider"]
+
+
+def test_without_pygls_the_command_says_what_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from bgdsl.cli import editor as command
+    from bgdsl.cli.app import run
+
+    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    assert run(["lsp"]) == 2
+    assert "pip install 'bgdsl[lsp]'" in capsys.readouterr().err

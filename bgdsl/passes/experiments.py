@@ -15,8 +15,9 @@ from typing import Any
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import Expr
 from bgdsl.ir.graph import Experiment, Origin, scalar_names
+from bgdsl.passes.claims import claimed_value, element_claims
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
-from bgdsl.passes.instantiate import claimed_value, element_claims, spots_of
+from bgdsl.passes.instantiate import spots_of
 from bgdsl.passes.names import Modification
 from bgdsl.passes.parameters import spread
 from bgdsl.passes.parts import (

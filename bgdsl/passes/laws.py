@@ -19,7 +19,7 @@ from bgdsl.diagnostics import Code
 from bgdsl.expr import ZERO, Expr, add, const, evaluate, leaves, param, topological
 from bgdsl.ir.elements import Kind, component
 from bgdsl.ir.graph import Element, Law, Port
-from bgdsl.passes.instantiate import attribute, check_final, check_targets, claimed_value, nested
+from bgdsl.passes.claims import attribute, check_final, check_targets, claimed_value, nested
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (
     UNKNOWN_TARGET,

@@ -19,9 +19,10 @@ import numpy as np
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import ONE, Expr, const, param
 from bgdsl.ir.graph import Parameter, scalar_names
+from bgdsl.passes.claims import attribute, claimed_value
 from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.elaborate import evaluate_integer
-from bgdsl.passes.instantiate import SIZE, attribute, claimed_value
+from bgdsl.passes.instantiate import SIZE
 from bgdsl.passes.parts import (
     CYCLE,
     NO_VALUE,

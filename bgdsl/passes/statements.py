@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from bgdsl.diagnostics import Code
 from bgdsl.expr import leaves
 from bgdsl.ir.graph import Check, Element, Law, Origin, Port, Signal, SignalEquation, scalar_names
+from bgdsl.passes.claims import attribute, claimed_value
 from bgdsl.passes.connect import connect
 from bgdsl.passes.elaborate import evaluate, evaluate_now, evaluate_scalar, iterations
-from bgdsl.passes.instantiate import attribute, claimed_value
 from bgdsl.passes.names import head
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (

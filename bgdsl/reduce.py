@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bgdsl.diagnostics import Reporter
+from bgdsl.diagnostics import BgError, Reporter
 from bgdsl.ir.activity import ActivityReport, Integrands
 from bgdsl.ir.partition import Dependencies, Edge, Frozen
 from bgdsl.ir.rewrite import Rewrite
@@ -18,10 +18,11 @@ from bgdsl.passes import freezing
 from bgdsl.passes.activity import activities, grounded, integrands
 from bgdsl.passes.dependencies import dependencies
 from bgdsl.passes.subgraphs import partitions
-from bgdsl.pipeline import Model, settings_of
+from bgdsl.pipeline import Model, load_source, settings_of
 from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.determined import reinstate
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, write_partitions
+from bgdsl.reductions.repair import repaired
 from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
 from bgdsl.source import Edit, Source, Span
 from bgdsl.syntax import ast
@@ -124,20 +125,36 @@ def condition(measured: Measured, threshold: float, *, guard: bool = True, folde
     decision = reinstate(model.scalar, measured.report, decide(model.scalar, measured.report, threshold, guard=guard))
     head = provenance(measured, {"threshold": repr(threshold)})
     edits = new_defaults(model, measured.changed)
-    written, decision = rewrite(
-        model.library,
-        model.scalar,
-        measured.report,
-        decision,
-        head,
-        folder=folder,
-        more=edits or (),
-        changed=measured.changed,
-        form="auto" if edits is not None else "flat",
-    )
+
+    def write(chosen: Decision) -> tuple[Rewrite, Decision]:
+        return rewrite(
+            model.library,
+            model.scalar,
+            measured.report,
+            chosen,
+            head,
+            folder=folder,
+            more=edits or (),
+            changed=measured.changed,
+            form="auto" if edits is not None else "flat",
+        )
+
+    written, decision = repaired(model.scalar, measured.report, decision, write, lambda text: fault_of(model, text, folder))
     original = model.library.main.source
     as_formatted = written.flat or tidy(original.text) == original.text
     return Reduced(tidy(written.text) if as_formatted else written.text, measured, decision, written)
+
+
+def fault_of(model: Model, text: str, folder: Path | None) -> str | None:
+    """What keeps a reduced text from compiling, None if nothing does. It is compiled as if it stood where it is to go."""
+    own = model.library.main.source
+    home = folder if folder is not None else own.path.parent if own.path is not None else None
+    path = home / "reduced.bg" if home is not None else None
+    try:
+        load_source(Source("<reduced>", text, path), model.name).check()
+    except BgError as error:
+        return error.diagnostics[0].message
+    return None
 
 
 def tidy(text: str) -> str:

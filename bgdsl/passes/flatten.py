@@ -5,14 +5,14 @@ Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
 Reports      BG609 which model; each neighbour reports what it finds
 
-The neighbours: `names` (classes, modifications), `parts` (what an instance is made of), `instantiate` (parts made, modifications
-applied), `elaborate` with `evaluation`, `references`, `inline`, `rates`, `values`, `functions` (expressions), `parameters`, `tables`,
-`laws` (elements), `statements` (loops, equations), `connect` with `ends` and `fuse` (bonds), `experiments`.
+The neighbours: `names` (classes, modifications), `parts` (what an instance is made of), `claims` (modifications applied),
+`instantiate` (parts made), `elaborate` with `evaluation`, `references`, `inline`, `rates`, `values`, `functions` (expressions),
+`parameters`, `tables`, `laws` and `law_checks` (elements), `statements` (loops, equations), `connect` with `ends` and `fuse` (bonds),
+`experiments`.
 """
 
 from __future__ import annotations
 
-import gc
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,6 +20,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.expr import Expr, substitute, var
 from bgdsl.ir.domains import Domain
@@ -33,7 +34,7 @@ from bgdsl.ir.graph import (
     Signal,
     SignalEquation,
 )
-from bgdsl.passes import fuse, laws, statements
+from bgdsl.passes import fuse, law_checks, laws, statements
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.inline import RECURSIVE
 from bgdsl.passes.instantiate import expand, make_part
@@ -74,7 +75,7 @@ def flatten(
         names.file_scope(module)
     node = choose_model(library, model, report)
     try:
-        with _undisturbed():
+        with uncollected(), _deep():
             return _flatten(library, node, names, report, dict(overrides or {}), part)
     except RecursionError:
         report.fail(RECURSIVE, "functions or constants call each other too deep", head(node.span), "in this model")
@@ -96,18 +97,14 @@ def _is_open(member: Member) -> bool:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Nothing made here is garbage before the end; searching for cycles in it would take longer than making it. Expressions as
-    deep as the parser lets through, in functions that call functions, want more frames than Python's usual thousand."""
-    enabled, limit = gc.isenabled(), sys.getrecursionlimit()
-    gc.disable()
+def _deep() -> Iterator[None]:
+    """Expressions as deep as the parser lets through, in functions that call functions, want more frames than Python's thousand."""
+    limit = sys.getrecursionlimit()
     sys.setrecursionlimit(max(limit, DEPTH))
     try:
         yield
     finally:
         sys.setrecursionlimit(limit)
-        if enabled:
-            gc.enable()
 
 
 def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Model:
@@ -213,7 +210,7 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     else:
         for item, _ in build.parts:
             if isinstance(item, ElementPart):
-                laws.check_numbers(build, item)
+                law_checks.check_numbers(build, item)
     report.stop_if_errors()
     if not part:
         fuse.warn_single(build, (item for item, _ in build.parts if isinstance(item, JunctionPart) and not item.open), bonds)

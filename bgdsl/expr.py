@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from sys import getrefcount
 from typing import Any
-from weakref import WeakValueDictionary
 
 from bgdsl.source import Span
 
@@ -54,7 +54,7 @@ class Expr:
     Operators: `add` (n-ary), `mul`, `div`, `pow`, `neg`; `lt le eq ne and or not if`; `table`; and the names in FUNCTIONS.
     """
 
-    __slots__ = ("__weakref__", "args", "data", "op")
+    __slots__ = ("args", "data", "op")
 
     op: str
     args: tuple[Expr, ...]
@@ -108,19 +108,43 @@ class Expr:
         return _pow(self, _lift(other))
 
 
-_table: WeakValueDictionary[tuple[Any, ...], Expr] = WeakValueDictionary()
+_table: dict[tuple[Any, ...], Expr] = {}
+_LEAST = 200_000
+_limit = _LEAST
 
 
 def _make(op: str, args: tuple[Expr, ...], data: Any = None) -> Expr:
     key = (op, data, args)
     node = _table.get(key)
     if node is None:
-        node = object.__new__(Expr)
+        if len(_table) >= _limit:
+            _sweep()
+        node = _new(Expr)
         node.op = op
         node.args = args
         node.data = data
         _table[key] = node
     return node
+
+
+_new = object.__new__
+
+
+def _sweep() -> None:
+    """Forget the nodes that nothing but the table holds. Doing so whenever the table has doubled makes nodes twice as fast as a
+    table of weak references does. The newest come first: a node is younger than its operands, which it may be the last to hold."""
+    global _limit
+    keys = list(_table)
+    while keys:
+        key = keys.pop()
+        node = _table[key]
+        if getrefcount(node) == _UNUSED:
+            del _table[key]
+    _limit = max(_LEAST, 2 * len(_table))
+
+
+_UNUSED = 3
+"""References to a node that only the table holds, as counted in `_sweep`: the table's, a local one, the count's own argument."""
 
 
 def const(value: float) -> Expr:
@@ -161,7 +185,7 @@ def add(terms: Iterable[Expr]) -> Expr:
             total += term.data
         else:
             kept.append(term)
-    if len(kept) == 2 and (kept[0] is _negation(kept[1])):
+    if len(kept) == 2 and _cancel(kept[0], kept[1]):
         kept = []
     if total != 0.0 or not kept:
         kept.append(const(total))
@@ -170,13 +194,9 @@ def add(terms: Iterable[Expr]) -> Expr:
     return _make("add", tuple(kept))
 
 
-def _negation(node: Expr) -> Expr | None:
-    """The node x of which `node` is the negation, or the existing node -`node`; None if there is neither."""
-    if node.op == "neg":
-        return node.args[0]
-    if node.op == "const":
-        return const(-node.data)
-    return _table.get(("neg", None, (node,)))
+def _cancel(a: Expr, b: Expr) -> bool:
+    """Whether one is the negation of the other."""
+    return (a.op == "neg" and a.args[0] is b) or (b.op == "neg" and b.args[0] is a)
 
 
 def _neg(a: Expr) -> Expr:
@@ -385,20 +405,18 @@ def topological(roots: Iterable[Expr], done: Container[Expr] = ()) -> Iterator[E
     """
     seen: set[Expr] = set()
     for root in roots:
-        if root in seen or root in done:
-            continue
-        stack: list[tuple[Expr, int]] = [(root, 0)]
+        stack = [root]
         while stack:
-            node, i = stack.pop()
-            if i == 0 and (node in seen or node in done):
+            node = stack[-1]
+            if node in seen or node in done:
+                stack.pop()
                 continue
-            args = node.args
-            while i < len(args) and (args[i] in seen or args[i] in done):
-                i += 1
-            if i < len(args):
-                stack.append((node, i + 1))
-                stack.append((args[i], 0))
-            elif node not in seen:
+            missing = [arg for arg in node.args if arg not in seen and arg not in done]
+            if missing:
+                missing.reverse()
+                stack += missing
+            else:
+                stack.pop()
                 seen.add(node)
                 yield node
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from bgdsl import expr
 from bgdsl.diagnostics import BgError
 from bgdsl.expr import evaluate
 from bgdsl.ir.graph import BondGraph
@@ -216,3 +217,19 @@ def test_imports(flat, tmp_path: Path) -> None:
         assert len(graph.sources) == 2
     graph = flat(f"import mech.parts.{{Mass, twice}};\nmodel Top\n Mass a; {tail}", search=(tmp_path,))
     assert graph.instances[1].class_name == "Mass"
+
+
+def test_expressions_that_nobody_holds_are_forgotten() -> None:
+    expr._sweep()
+    before = len(expr._table)
+    root = expr.var("forgotten")
+    for _ in range(100):
+        root = expr.unary("sin", root) + 1.0
+    kept = expr.var("kept") * 2.0
+    expr._sweep()
+    assert len(expr._table) >= before + 203, "what is held stays, operands too"
+    assert expr.var("kept") * 2.0 is kept
+    del root
+    expr._sweep()
+    assert ("var", "forgotten", ()) not in expr._table, "operands go with the last node that holds them"
+    assert ("var", "kept", ()) in expr._table

@@ -24,6 +24,7 @@ from bgdsl.reductions.determined import reinstate
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, write_partitions
 from bgdsl.reductions.repair import repaired
 from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
+from bgdsl.reductions.source_map import refuse
 from bgdsl.source import Edit, Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.formatter import format_source
@@ -145,13 +146,14 @@ def condition(measured: Measured, threshold: float, *, guard: bool = True, folde
     return Reduced(tidy(written.text) if as_formatted else written.text, measured, decision, written)
 
 
-def fault_of(model: Model, text: str, folder: Path | None) -> str | None:
-    """What keeps a reduced text from compiling, None if nothing does. It is compiled as if it stood where it is to go."""
+def fault_of(model: Model, text: str, folder: Path | None, name: str | None = None) -> str | None:
+    """What keeps a reduced text from compiling, None if nothing does. It is compiled as if it stood where it is to go. name: of its
+    model, if that is another."""
     own = model.library.main.source
     home = folder if folder is not None else own.path.parent if own.path is not None else None
     path = home / "reduced.bg" if home is not None else None
     try:
-        load_source(Source("<reduced>", text, path), model.name).check()
+        load_source(Source("<reduced>", text, path), name or model.name).check()
     except BgError as error:
         return error.diagnostics[0].message
     return None
@@ -212,7 +214,7 @@ def partition(
 
     Signals that modulate against the driving direction are held where a second run shows that this changes little.
     """
-    scalar, report = measured.model.scalar, measured.report
+    model, scalar, report = measured.model, measured.model.scalar, measured.report
     found = find_partitions(
         scalar,
         report,
@@ -230,6 +232,10 @@ def partition(
         replace(written, text=tidy(written.text))
         for written in write_partitions(scalar, report, found, head, stem, folder=folder, changed=measured.changed)
     )
+    for written in files:
+        role = f"{model.name}_{written.partition.number + 1}_{written.partition.role}"
+        if (fault := fault_of(model, written.text, folder, role)) is not None:
+            refuse(model.graph, f"`{written.file}`: {fault}")
     return Partitioned(found, files, partition_json(scalar, report, found, files))
 
 

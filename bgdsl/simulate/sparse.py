@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class SparseLU:
     """Factors of I - gamma J for a Jacobian in compressed columns; `record` is what the kernels read.
 
-    Without numbers the order is a minimum degree order with pivots on the diagonal; with the values of a matrix for which that was
+    Without numbers the order is Markowitz's with pivots on the diagonal; with the values of a matrix for which that was
     unstable, it is the one that partial pivoting chooses for it.
     """
 
@@ -30,7 +30,7 @@ class SparseLU:
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(pointers))
         pattern = [{j, *rows[pointers[j] : pointers[j + 1]].tolist()} for j in range(n)]
         if matrix_values is None:
-            row_order = column_order = np.array(minimum_degree(pattern), dtype=np.int32)
+            row_order = column_order = np.array(elimination_order(pattern), dtype=np.int32)
         else:
             row_order, column_order = _pivoted_order(pointers, rows, *matrix_values)
         inverse = np.empty(n, dtype=np.int32)
@@ -69,35 +69,41 @@ class SparseLU:
         return int(array.ctypes.data)
 
 
-def minimum_degree(pattern: Sequence[set[int]]) -> list[int]:
-    """An order of elimination with little fill: always the vertex with the fewest neighbours in the graph of A + A', the first of
-    them where several are equal. Eliminating a vertex joins its neighbours. Nearly full graphs are left in their order from there on."""
+def elimination_order(pattern: Sequence[set[int]]) -> list[int]:
+    """An order of elimination with little fill, pivots on the diagonal (Markowitz): always the vertex with the fewest products
+    (entries below it x entries beside it), the first of them where several are equal. The pattern is taken as it is, by columns: what
+    couples one way only, as a conditioned model does, fills in one way only. Nearly full matrices are left in their order from there on."""
     import heapq
 
     n = len(pattern)
-    near: list[set[int]] = [set() for _ in range(n)]
-    for j, rows in enumerate(pattern):
+    below: list[set[int]] = [{i for i in rows if i != j} for j, rows in enumerate(pattern)]
+    beside: list[set[int]] = [set() for _ in range(n)]
+    for j, rows in enumerate(below):
         for i in rows:
-            if i != j:
-                near[i].add(j)
-                near[j].add(i)
-    heap = [(len(neighbours), i) for i, neighbours in enumerate(near)]
+            beside[i].add(j)
+    cost = [len(below[i]) * len(beside[i]) for i in range(n)]
+    heap = [(cost[i], i) for i in range(n)]
     heapq.heapify(heap)
     order: list[int] = []
     done = [False] * n
     while heap:
-        degree, i = heapq.heappop(heap)
-        if done[i] or degree != len(near[i]):
+        least, i = heapq.heappop(heap)
+        if done[i] or least != cost[i]:
             continue
-        if degree >= n - len(order) - 1:
+        if least >= (n - len(order) - 1) ** 2:
             break  # what is left is full: any order will do
         done[i] = True
         order.append(i)
-        neighbours = near[i]
-        for k in neighbours:
-            near[k] |= neighbours
-            near[k] -= {i, k}
-            heapq.heappush(heap, (len(near[k]), k))
+        rows, columns = below[i], beside[i]
+        for j in columns:
+            below[j] |= rows
+            below[j] -= {i, j}
+        for k in rows:
+            beside[k] |= columns
+            beside[k] -= {i, k}
+        for k in rows | columns:
+            cost[k] = len(below[k]) * len(beside[k])
+            heapq.heappush(heap, (cost[k], k))
     order += [i for i in range(n) if not done[i]]
     return order
 

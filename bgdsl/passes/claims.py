@@ -14,7 +14,8 @@ from typing import Any
 
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
-from bgdsl.passes.names import Member, Modification
+from bgdsl.passes.modifications import Modification
+from bgdsl.passes.names import Member
 from bgdsl.passes.parts import UNKNOWN_TARGET, Build, Claim, Fault, Index, Instance, Value, shape_of, shown_shape
 from bgdsl.source import Span
 

@@ -18,7 +18,7 @@ from bgdsl.ir.graph import Experiment, Origin, scalar_names
 from bgdsl.passes.claims import claimed_value, element_claims
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
 from bgdsl.passes.instantiate import spots_of
-from bgdsl.passes.names import Modification
+from bgdsl.passes.modifications import Modification
 from bgdsl.passes.parameters import spread
 from bgdsl.passes.parts import (
     UNKNOWN_TARGET,

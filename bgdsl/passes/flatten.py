@@ -5,7 +5,7 @@ Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
 Reports      BG609 which model; each neighbour reports what it finds
 
-The neighbours: `names` (classes, modifications), `parts` (what an instance is made of), `claims` (modifications applied),
+The neighbours: `names` (classes), `modifications`, `parts` (what an instance is made of), `claims` (modifications applied),
 `instantiate` (parts made), `elaborate` with `evaluation`, `references`, `inline`, `rates`, `values`, `functions` (expressions),
 `parameters`, `tables`, `laws` and `law_checks` (elements), `statements` (loops, equations), `connect` with `ends` and `fuse` (bonds),
 `experiments`.

@@ -23,7 +23,8 @@ from bgdsl.ir.graph import Instance as FlatInstance
 from bgdsl.ir.graph import Origin
 from bgdsl.passes.claims import check_targets, claims_of, element_claims, refuse_subscripts
 from bgdsl.passes.elaborate import evaluate_integer, evaluate_now
-from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Modification, Resolved, describe, head
+from bgdsl.passes.modifications import Modification
+from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Resolved, describe, head
 from bgdsl.passes.parts import (
     UNKNOWN_TARGET,
     Absent,

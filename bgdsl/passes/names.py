@@ -3,10 +3,9 @@
 Input        Library
 Output       `Class`: a model's or element's members, statements and experiments, made once for each definition
 Establishes  every member knows its kind, the scope its text was written in and all modifications that its class's text makes
-Reports      BG210 unknown class, BG211 duplicate name, BG212 wrong kind of class, BG213 cyclic `extends`, BG223 modified twice
+Reports      BG210 unknown class, BG211 duplicate name, BG212 wrong kind of class, BG213 cyclic `extends`
 
-Modifications stay as written: a `Modification` is a node of a tree of names, made once from the text; its values are evaluated
-when an instance asks for them, in the scope of the one who wrote them.
+Modifications stay as written; their values are evaluated when an instance asks for them, in the scope of the one who wrote them.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from dataclasses import dataclass, field
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.ir.domains import DOMAINS
 from bgdsl.ir.elements import JUNCTIONS, KINDS
+from bgdsl.passes.modifications import Modification, modifications
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
@@ -25,81 +25,10 @@ UNKNOWN_CLASS = Code("BG210", "unknown class")
 DUPLICATE = Code("BG211", "a name is declared twice")
 WRONG_KIND = Code("BG212", "a class is of another kind than wanted here")
 CYCLIC_EXTENDS = Code("BG213", "a class extends itself")
-MODIFIED_TWICE = Code("BG223", "one thing is modified twice in one place")
 
 BASIC = ("Real", "Integer", "Boolean", "String", "Table")
 BUILT_IN = frozenset((*BASIC, *KINDS, *JUNCTIONS, *DOMAINS))
 """Class names that the language gives; a user's class cannot take one."""
-
-
-# -------------------------------------------------------------------------------------------------------- modifications
-
-
-@dataclass(slots=True, eq=False)
-class Modification:
-    """What one place says about one name: a value, nested modifications, a redeclaration. A declaration is one of itself."""
-
-    name: str
-    span: Span
-    value: ast.Expression | None = None
-    nested: dict[str, Modification] = field(default_factory=dict)
-    each: bool = False
-    final: bool = False
-    redeclared: ast.Redeclaration | None = None
-    parts: list[tuple[tuple[ast.Expression, ...], Modification]] = field(default_factory=list)
-
-
-def modifications(arguments: Iterable[ast.Argument], report: Reporter) -> dict[str, Modification]:
-    """The arguments of a modification by name; `a.b = 1` nests, `a[2] = 1` goes to the parts of `a`."""
-    table: dict[str, Modification] = {}
-    for argument in arguments:
-        match argument:
-            case ast.Modifier(name=name):
-                _insert(table, name.parts, argument, report)
-            case ast.Redeclaration(name=name):
-                new = Modification(
-                    name, argument.span, None, modifications(argument.arguments, report), argument.each, argument.final, argument
-                )
-                _merge(table, new, report)
-    return table
-
-
-def _insert(table: dict[str, Modification], parts: tuple[ast.Part, ...], modifier: ast.Modifier, report: Reporter) -> None:
-    part, rest = parts[0], parts[1:]
-    new = Modification(part.name, modifier.span, each=modifier.each and not rest)
-    if rest:
-        _insert(new.nested, rest, modifier, report)
-    else:
-        new.value, new.final = modifier.value, modifier.final
-        new.nested = modifications(modifier.nested, report)
-    if part.subscripts:
-        holder = table.setdefault(part.name, Modification(part.name, modifier.span))
-        holder.parts.append((part.subscripts, new))
-    else:
-        _merge(table, new, report)
-
-
-def _merge(table: dict[str, Modification], new: Modification, report: Reporter) -> None:
-    old = table.get(new.name)
-    if old is None:
-        table[new.name] = new
-        return
-    if (old.value is not None and new.value is not None) or (old.redeclared and new.redeclared):
-        report.add(
-            MODIFIED_TWICE,
-            f"`{new.name}` is modified twice in one place",
-            new.span,
-            "again here",
-            others=[(old.span, "first modified here")],
-        )
-        return
-    old.value = old.value if old.value is not None else new.value
-    old.redeclared = old.redeclared or new.redeclared
-    old.final = old.final or new.final
-    old.each = old.each or new.each
-    old.parts += new.parts
-    for nested in new.nested.values():
-        _merge(old.nested, nested, report)
 
 
 # --------------------------------------------------------------------------------------------------------------- scopes

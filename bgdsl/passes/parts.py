@@ -17,7 +17,8 @@ from bgdsl.expr import Expr, Table, evaluate, leaves, topological, var
 from bgdsl.ir.elements import Kind, component
 from bgdsl.ir.graph import Instance as FlatInstance
 from bgdsl.ir.graph import Origin, SignalEquation, scalar_names
-from bgdsl.passes.names import Class, Member, Modification, Names, Resolved, Scope
+from bgdsl.passes.modifications import Modification
+from bgdsl.passes.names import Class, Member, Names, Resolved, Scope
 from bgdsl.source import Span
 
 UNKNOWN_TARGET = Code("BG220", "unknown modification target")

@@ -1,0 +1,85 @@
+"""Modifications as they stand in the text: a tree of names.
+
+Input        the arguments of one modification
+Output       `Modification`s by name, made once from the text; values are expressions still
+Establishes  each name is said once in one place
+Reports      BG223 modified twice
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from bgdsl.diagnostics import Code, Reporter
+from bgdsl.source import Span
+from bgdsl.syntax import ast
+
+MODIFIED_TWICE = Code("BG223", "one thing is modified twice in one place")
+
+
+@dataclass(slots=True, eq=False)
+class Modification:
+    """What one place says about one name: a value, nested modifications, a redeclaration. A declaration is one of itself."""
+
+    name: str
+    span: Span
+    value: ast.Expression | None = None
+    nested: dict[str, Modification] = field(default_factory=dict)
+    each: bool = False
+    final: bool = False
+    redeclared: ast.Redeclaration | None = None
+    parts: list[tuple[tuple[ast.Expression, ...], Modification]] = field(default_factory=list)
+
+
+def modifications(arguments: Iterable[ast.Argument], report: Reporter) -> dict[str, Modification]:
+    """The arguments of a modification by name; `a.b = 1` nests, `a[2] = 1` goes to the parts of `a`."""
+    table: dict[str, Modification] = {}
+    for argument in arguments:
+        match argument:
+            case ast.Modifier(name=name):
+                _insert(table, name.parts, argument, report)
+            case ast.Redeclaration(name=name):
+                new = Modification(
+                    name, argument.span, None, modifications(argument.arguments, report), argument.each, argument.final, argument
+                )
+                _merge(table, new, report)
+    return table
+
+
+def _insert(table: dict[str, Modification], parts: tuple[ast.Part, ...], modifier: ast.Modifier, report: Reporter) -> None:
+    part, rest = parts[0], parts[1:]
+    new = Modification(part.name, modifier.span, each=modifier.each and not rest)
+    if rest:
+        _insert(new.nested, rest, modifier, report)
+    else:
+        new.value, new.final = modifier.value, modifier.final
+        new.nested = modifications(modifier.nested, report)
+    if part.subscripts:
+        holder = table.setdefault(part.name, Modification(part.name, modifier.span))
+        holder.parts.append((part.subscripts, new))
+    else:
+        _merge(table, new, report)
+
+
+def _merge(table: dict[str, Modification], new: Modification, report: Reporter) -> None:
+    old = table.get(new.name)
+    if old is None:
+        table[new.name] = new
+        return
+    if (old.value is not None and new.value is not None) or (old.redeclared and new.redeclared):
+        report.add(
+            MODIFIED_TWICE,
+            f"`{new.name}` is modified twice in one place",
+            new.span,
+            "again here",
+            others=[(old.span, "first modified here")],
+        )
+        return
+    old.value = old.value if old.value is not None else new.value
+    old.redeclared = old.redeclared or new.redeclared
+    old.final = old.final or new.final
+    old.each = old.each or new.each
+    old.parts += new.parts
+    for nested in new.nested.values():
+        _merge(old.nested, nested, report)

@@ -5,12 +5,13 @@ run with integrals -> activities -> decision -> rewritten source -> compiled aga
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.diagnostics import BgError, Reporter
+from bgdsl.expr import leaves
 from bgdsl.ir.activity import ActivityReport, Integrands
 from bgdsl.ir.partition import Dependencies, Edge, Frozen
 from bgdsl.ir.rewrite import Rewrite
@@ -21,7 +22,7 @@ from bgdsl.passes.subgraphs import partitions
 from bgdsl.pipeline import Model, load_source, settings_of
 from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.determined import reinstate
-from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, write_partitions
+from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, partitions_for, write_partitions
 from bgdsl.reductions.repair import repaired
 from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
 from bgdsl.reductions.source_map import refuse
@@ -208,11 +209,19 @@ class Partitioned:
 
 
 def partition(
-    measured: Measured, threshold: float, *, conditioned: bool = False, guard: bool = True, stem: str = "model", folder: Path | None = None
+    measured: Measured,
+    threshold: float,
+    *,
+    conditioned: bool = False,
+    guard: bool = True,
+    stem: str = "model",
+    folder: Path | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> Partitioned:
     """Take the model apart where terms below `threshold` fall: into driving and driven models, one file each.
 
     Signals that modulate against the driving direction are held where a second run shows that this changes little.
+    outputs: variables of interest; a partition that feeds none of them is left out. BG618 for one that the model does not have.
     """
     model, scalar, report = measured.model, measured.model.scalar, measured.report
     found = find_partitions(
@@ -228,15 +237,24 @@ def partition(
     if len(found.partitions.partitions) < 2:
         return Partitioned(found, (), partition_json(scalar, report, found, ()))
     head = provenance(measured, {"threshold": repr(threshold)}, "partition")
+    wanted = None if outputs is None else partitions_for(scalar, found, _scalars(model, outputs))
     files = tuple(
         replace(written, text=tidy(written.text))
-        for written in write_partitions(scalar, report, found, head, stem, folder=folder, changed=measured.changed)
+        for written in write_partitions(scalar, report, found, head, stem, folder=folder, changed=measured.changed, wanted=wanted)
     )
     for written in files:
         role = f"{model.name}_{written.partition.number + 1}_{written.partition.role}"
         if (fault := fault_of(model, written.text, folder, role)) is not None:
             refuse(model.graph, f"`{written.file}`: {fault}")
     return Partitioned(found, files, partition_json(scalar, report, found, files))
+
+
+def _scalars(model: Model, names: Sequence[str]) -> list[str]:
+    """The scalar variables that these names stand for. BG618 where there is none."""
+    from bgdsl.simulate.columns import find_columns
+
+    columns = find_columns(model.program, names, Reporter())
+    return [name for column in columns for name in (column.name, *(leaf.data for leaf in leaves((column.value,))))]
 
 
 def holdable(measured: Measured, threshold: float, *, guard: bool = True) -> dict[Edge, Frozen]:

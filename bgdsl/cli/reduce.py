@@ -190,6 +190,9 @@ def partition(
     set_: arg.Set = None,
     window: arg.Window = None,
     guard: Guard = True,
+    outputs: Annotated[
+        str | None, typer.Option("--outputs", metavar="A,B", help="Variables of interest: what feeds none of them is left out.")
+    ] = None,
     stop: arg.Stop = None,
     tolerance: arg.Tolerance = None,
     method: arg.Method = None,
@@ -205,7 +208,7 @@ def partition(
         raise typer.BadParameter("say what may fall: --threshold 0.3%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold")
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
-    result = reduce.partition(found, eps, conditioned=conditioned, guard=guard, stem=file.stem, folder=output)
+    result = reduce.partition(found, eps, conditioned=conditioned, guard=guard, stem=file.stem, folder=output, outputs=arg.names(outputs))
     if format is arg.Format.JSON:
         console.out(result.document)
     if not result.files:

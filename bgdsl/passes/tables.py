@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import struct
 from collections.abc import Sequence
 from hashlib import sha256
@@ -30,6 +31,8 @@ Column = str | int
 
 def read_columns(path: Path, x: Column, y: Column, span: Span) -> tuple[list[float], list[float], list[Span]]:
     """Two columns of a CSV file with the place of each row in it. Empty lines and lines that begin with `#` are comments."""
+    if not path.exists():
+        path = Path(os.path.normpath(path))  # a text may be tried before its own folder is there, and climb out of it by `..`
     try:
         source = Source(path.name, path.read_bytes().decode("utf-8-sig"), path)
     except FileNotFoundError:

@@ -9,7 +9,7 @@ Reports      nothing: where there is one partition only, `Partitioning.misses` s
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -173,7 +173,7 @@ def _all_written(
     comments = term_comments(scalar, report)
     annotation = provenance.annotation()
     asked = [flat_text(scalar, part, annotation, comments, folder=folder)[1] for part in parts]
-    given = {variable: None for inputs in asked for variable in inputs}
+    given = {variable: None for k, inputs in enumerate(asked) if wanted is None or k in wanted for variable in inputs}
     written = []
     for partition, part, inputs in zip(result.partitions.partitions, parts, asked, strict=True):
         if wanted is not None and partition.number not in wanted:
@@ -195,6 +195,19 @@ def _belongs(scalar: ScalarGraph, result: Partitioning, partition: Partition, va
         return True
     element = variable.rpartition(".")[0]
     return any(term.element == element and term.junction in partition.junctions for term in scalar.terms)
+
+
+def partitions_for(scalar: ScalarGraph, result: Partitioning, variables: Iterable[str]) -> frozenset[int]:
+    """The partitions that give these variables, and all that drive them."""
+    found = result.partitions.partitions
+    waiting = [p.number for v in variables for p in found if _belongs(scalar, result, p, v)]
+    wanted: set[int] = set()
+    while waiting:
+        number = waiting.pop()
+        if number not in wanted:
+            wanted.add(number)
+            waiting += found[number].drivers
+    return frozenset(wanted)
 
 
 def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, changed: Mapping[str, float]) -> FlatPart:

@@ -8,7 +8,8 @@ the data pointer in its second word.
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Callee, Struct, ints, kernel, place, places, real, reals, whole
+from bgdsl.simulate.kernels.compiler import kernel
+from bgdsl.simulate.kernels.kinds import Callee, Struct, ints, place, places, real, reals, whole
 from bgdsl.simulate.kernels.lu import Factors, lu_factor, lu_solve
 
 __all__ = ["Factors", "Link", "call_model", "ints", "lu_factor", "lu_solve", "places", "whole"]

@@ -4,7 +4,8 @@
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Callee, Struct, kernel, places, real, reals, whole
+from bgdsl.simulate.kernels.compiler import kernel
+from bgdsl.simulate.kernels.kinds import Callee, Struct, places, real, reals, whole
 from bgdsl.simulate.kernels.link import Link, call_model, set_inputs
 from bgdsl.simulate.kernels.project import Projection, project, project_step
 from bgdsl.simulate.kernels.sums import Sums, absorb

@@ -8,7 +8,8 @@ earlier columns that its upper part names are subtracted, and the rest is divide
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Struct, fabs, kernel, real, reals, whole
+from bgdsl.simulate.kernels.compiler import kernel
+from bgdsl.simulate.kernels.kinds import Struct, fabs, real, reals, whole
 
 __all__ = ["Factors", "fabs", "real", "reals", "whole"]
 

@@ -8,7 +8,8 @@ while it converges. Rows that follow from others have vanishing pivots and are p
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Struct, fabs, ints, kernel, place, places, real, reals, sqrt, whole
+from bgdsl.simulate.kernels.compiler import kernel
+from bgdsl.simulate.kernels.kinds import Struct, fabs, ints, place, places, real, reals, sqrt, whole
 from bgdsl.simulate.kernels.link import Link, call_model, set_inputs
 
 __all__ = ["Link", "Projection", "fabs", "ints", "place", "places", "sqrt", "whole"]

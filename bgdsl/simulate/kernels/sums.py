@@ -9,7 +9,8 @@ sign between the nodes, the cubic is split at its root, so that the kink costs n
 # (kernels are not Python: `kernels/compiler.py` gives their names a meaning)
 from __future__ import annotations
 
-from bgdsl.simulate.kernels.compiler import Struct, fabs, kernel, octets, real, reals, whole
+from bgdsl.simulate.kernels.compiler import kernel
+from bgdsl.simulate.kernels.kinds import Struct, fabs, octets, real, reals, whole
 
 __all__ = ["Sums", "fabs", "octets", "reals", "whole"]
 

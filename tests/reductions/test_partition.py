@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -226,3 +227,18 @@ def test_half_car_with_the_balance_that_decouples_it() -> None:
     assert math.isclose(sum(e.index for e in report.elements), 1.0)
     assert [model.scalar.junctions[j].name for j in decide(model.scalar, report, 0.01).unexcited] in ([], ["pitch"])
     assert Reporter().errors == ()
+
+
+def test_playback_of_the_driving_run_is_within_the_tolerance(
+    lever: pipeline.Model, lever_report: ActivityReport, parts: tuple[Written, ...], tmp_path: Path
+) -> None:
+    from driving import condition
+
+    whole = pipeline.loads(condition(lever, lever_report, 0.025)[0].text).compile()
+    together = whole.simulate("kick", interval=1e-3, tolerance=1e-9, stop=1.0)
+    driving, driven = (pipeline.loads(part.text).compile() for part in parts)
+    record = tmp_path / "driving.csv"
+    driving.simulate("kick", interval=1e-3, tolerance=1e-9, stop=1.0, output=record)
+    apart = driven.simulate("kick", interval=1e-3, tolerance=1e-9, stop=1.0, inputs=record)
+    most = np.abs(together["vB.f"]).max()
+    assert np.abs(apart["vB.f"] - together["vB.f"]).max() < 1e-6 * most

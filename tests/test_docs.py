@@ -1,15 +1,18 @@
 """Every code block in the README and in docs/ is run.
 
 A page is a story: its blocks run in order in one folder. ```bg blocks are files (`// file: name.bg` as first line names them)
-and must pass `bgc check`; ```python blocks run; in ```console blocks the lines after `$ ` are commands (`bgc`, `cat`), and what
-they print must match what the page shows, where a line `...` stands for any lines and `~1.2` for any number.
+and must pass `bgc check`, or report what `// error: BG230` at their head says; ```python blocks run; in ```console blocks the lines
+after `$ ` are commands (`bgc`, `cat`), and what they print must match what the page shows, where a line `...` stands for any
+lines, `...` in a line for any text, `~1.2` for any number, and two spaces for two or more.
 """
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
 import shutil
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -35,27 +38,29 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
             file = tmp_path / (named[1] if named else f"block{i}.bg")
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, "utf-8")
-            assert [d.message for d in pipeline.check_file(file) if d.severity == "error"] == []
+            wanted = re.match(r"(?:// file: .*\n)?// error: (BG\d+)\n", text)
+            found = {d.code.number: d.message for d in pipeline.check_file(file) if d.severity == "error"}
+            assert set(found) == ({wanted[1]} if wanted else set()), found
         elif language == "python":
             exec(compile(text, f"{page.name} block {i}", "exec"), names)
             capsys.readouterr()
         elif language == "console":
-            _console(text, capsys)
+            _console(text)
         else:
             assert language in SHOWN, f"a block in `{language}` is neither run nor known to be a picture"
 
 
-def _console(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+def _console(text: str) -> None:
     for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n?)*)", text, re.MULTILINE):
         words = shlex.split(command, comments=True)
-        capsys.readouterr()
         if words[0] == "cat":
             printed = Path(words[1]).read_text("utf-8")
         else:
             assert words[0] == "bgc", command
-            run(words[1:])
-            streams = capsys.readouterr()
-            printed = streams.out + streams.err
+            terminal = io.StringIO()
+            with redirect_stdout(terminal), redirect_stderr(terminal):
+                run(words[1:])
+            printed = terminal.getvalue()
         assert re.fullmatch(_pattern(shown), printed.strip() + "\n"), f"$ {command}\n{printed}"
 
 
@@ -64,6 +69,13 @@ def _pattern(shown: str) -> str:
     for line in shown.strip().splitlines():
         if line.strip() == "...":
             lines.append(r"(?:.*\n)*?")
+        elif set(line) <= set("- ") and "-" in line:  # the rule below the heads of a table is as wide as its numbers
+            lines.append(r"[- ]+\n")
         else:
-            lines.append(re.sub(r"~(?:\\?[\d.])+", r"[-+\\d.e]+", re.escape(line.rstrip()).replace(r"\~", "~")) + r" *\n")
+            text = re.sub(NUMBER, r"[-+\\d.e]+", re.escape(line.rstrip()).replace(r"\~", "~"))
+            lines.append(re.sub(r"(?:\\ ){2,}", " {2,}", text).replace(r"\.\.\.", ".*") + r" *\n")
     return "".join(lines) or r"(?:.*\n)*"
+
+
+NUMBER = re.compile(r"~(?:\\-)?(?:\\?[\d.])+(?:e(?:\\[-+])?\d+)?")
+"""`~` and a number, escaped for a regular expression."""

@@ -54,7 +54,9 @@ def run(arguments: Sequence[str]) -> int:
         return result if isinstance(result, int) else 0
     except typer.Exit as stop:
         return stop.exit_code
-    except (BgError, UsageProblem, console.RefusedError, KeyboardInterrupt, typer.Abort, OSError, RecursionError) as error:
+    except BrokenPipeError:
+        raise
+    except (Exception, KeyboardInterrupt) as error:
         _tell(error)
         if console.debug:
             traceback.print_exception(error)
@@ -72,5 +74,9 @@ def _tell(error: BaseException) -> None:
         console.message(f"error: {error.strerror or error}{where}")
     elif isinstance(error, RecursionError):
         console.message("error: the model is nested too deeply")
+    elif isinstance(error, KeyboardInterrupt | typer.Abort):
+        console.message("stopped")
+    elif isinstance(error, console.RefusedError):
+        console.message(f"error: {error}")
     else:
-        console.message("stopped" if isinstance(error, KeyboardInterrupt | typer.Abort) else f"error: {error}")
+        console.message(f"error: this is a fault of bgc, not of the model: {type(error).__name__}: {error}; `--debug` shows where")

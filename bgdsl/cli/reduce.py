@@ -336,7 +336,7 @@ def verify(
         console.out(f"{found.reduced} holds for {found.now}: every dropped term stays below {100 * found.threshold:g} %")
     else:
         rows = [(t.junction, t.name, f"{100 * t.old:.3g} %", f"{100 * t.new:.3g} %", t.place) for t in found.terms]
-        console.out(f"{found.reduced} does not hold for {found.now}; to reinstate:\n")
+        console.out(f"{found.reduced} does not hold for {found.now}; to reinstate:\n\n")
         console.out(console.table(("junction", "term", "old rho", "new rho", ""), rows, right=(2, 3)))
     return int(bool(found.terms))
 

@@ -24,7 +24,7 @@ from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.determined import reinstate
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, partitions_for, write_partitions
 from bgdsl.reductions.repair import repaired
-from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
+from bgdsl.reductions.rewrite_source import Provenance, conditioned_before, number, rewrite
 from bgdsl.reductions.source_map import refuse
 from bgdsl.source import Edit, Source, Span
 from bgdsl.syntax import ast
@@ -126,6 +126,9 @@ def condition(measured: Measured, threshold: float, *, guard: bool = True, folde
     model = measured.model
     decision = reinstate(model.scalar, measured.report, decide(model.scalar, measured.report, threshold, guard=guard))
     head = provenance(measured, {"threshold": repr(threshold)})
+    definition = next(item for item in model.library.models() if item.name == model.name)
+    if not measured.changed and conditioned_before(definition, threshold, measured.report.experiment, measured.report.window):
+        decision = decision.restricted(frozenset())
     edits = new_defaults(model, measured.changed)
 
     def write(chosen: Decision) -> tuple[Rewrite, Decision]:

@@ -74,14 +74,17 @@ def decide(
     vanishes = may_vanish or _vanishing(scalar.graph)
     kinds = element_kinds(scalar.graph)
     parasitic = parasitic_terms(scalar)
+    nothing = {law.left for element in scalar.graph.elements for law in element.laws if law.right.is_zero}
     dropped: set[int] = set()
     kept: list[Kept] = []
     for junction in report.junctions:
         guarded = guard and not _held_by_parasites(scalar, junction.index, parasitic)
         for activity in junction.terms:
             term = scalar.terms[activity.index]
-            if activity.rho >= threshold or junction.max_activity == 0.0 or term.conjugate.is_zero or not among(term):
+            if activity.rho >= threshold or junction.max_activity == 0.0 or not among(term):
                 continue
+            if term.conjugate.is_zero or (term.other is None and term.conjugate in nothing):
+                continue  # there is nothing to drop: a source's component that is zero by its law
             reason = "parasitic" if term.index in parasitic else _never(scalar, term, kinds, vanishes)
             reason = reason or _guarded(activity, threshold, guarded)
             if reason is None:

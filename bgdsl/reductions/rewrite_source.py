@@ -29,6 +29,7 @@ from bgdsl.reductions.source_map import SourceMap, UnwritableError, refuse
 from bgdsl.reductions.specialise import specialise, term_mark
 from bgdsl.reductions.two_ports import write_split
 from bgdsl.source import Edit
+from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
 
 
@@ -54,6 +55,35 @@ class Provenance:
         parts += [f"{name} = {value}" for name, value in self.settings]
         parts.append(f'tool = "{self.tool}"')
         return f"annotation({self.kind}({', '.join(parts)}));"
+
+
+def conditioned_before(model: ast.Model, threshold: float, experiment: str | None, window: tuple[float, float]) -> bool:
+    """Does an annotation say that this model was conditioned at this threshold or a larger one, over the same run?
+
+    Then nothing more falls at it: what was measured was the full model, and its terms are the ones that the threshold is about.
+    """
+    for item in model.items:
+        for argument in item.arguments if isinstance(item, ast.Annotation) else ():
+            if not isinstance(argument, ast.Modifier) or argument.name.text != "conditioned":
+                continue
+            said = {inner.name.text: inner.value for inner in argument.nested if isinstance(inner, ast.Modifier)}
+            same_run = _literal(said.get("experiment")) == experiment and _literal(said.get("window")) == window
+            before = _literal(said.get("threshold"))
+            if same_run and isinstance(before, float) and before >= threshold:
+                return True
+    return False
+
+
+def _literal(value: ast.Expression | None) -> object:
+    match value:
+        case ast.Number():
+            return float(value.value)
+        case ast.String():
+            return value.value
+        case ast.Array():
+            return tuple(_literal(item) for item in value.items)
+        case _:
+            return None
 
 
 def number(value: float) -> str:

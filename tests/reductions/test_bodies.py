@@ -87,3 +87,25 @@ def test_a_user_s_element_has_a_flat_form() -> None:
 
     found = rates(again, {named(state): value for state, value in states.items()})
     assert found == pytest.approx({named(state): value for state, value in rates(model, states).items()}, rel=1e-12, abs=1e-12)
+
+
+def test_reducing_twice_at_one_threshold_is_reducing_once() -> None:
+    from bgdsl import reduce
+
+    scenario = reduce.Scenario(settings={"stop": 0.2, "interval": 0.01})
+    once = reduce.condition(reduce.measure(pipeline.loads(TWO), scenario), 0.01)
+    assert once.decision.dropped
+    again = reduce.condition(reduce.measure(pipeline.loads(once.source), scenario), 0.01)
+    assert again.source == once.source
+    further = reduce.condition(reduce.measure(pipeline.loads(once.source), scenario), 0.2, guard=False)
+    assert further.decision.dropped  # a larger threshold is another reduction
+
+
+def test_components_that_are_zero_by_law_are_not_dropped_again(two: tuple[pipeline.Model, ActivityReport]) -> None:
+    model, report = two
+    decision = reinstate(model.scalar, report, decide(model.scalar, report, 1e-2, guard=False))
+    kept, _ = rewrite(model.library, model.scalar, report, decision, provenance(model, report, 1e-2), form="kept")
+    reduced = pipeline.loads(kept.text)
+    again = decide(reduced.scalar, measure(reduced, stop=0.05, interval=0.01, tolerance=1e-6), 1e-9, guard=False)
+    elements = {reduced.scalar.terms[t].element for t in again.dropped if reduced.scalar.terms[t].other is None}
+    assert not {name for name in elements if name and name.endswith(("_back", "_forth"))}

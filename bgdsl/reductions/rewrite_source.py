@@ -8,6 +8,7 @@ Reports      nothing: a term whose change cannot be written stays, with the reas
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -168,7 +169,9 @@ def _flat(
     except UnwritableError as problem:
         refuse(scalar.graph, problem.reason)
     changes = tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(decision.dropped))
-    return Rewrite(text, changes, flat=True, reasons=tuple(dict.fromkeys(reasons.values())))
+    # one reason for all elements of an array
+    told = tuple(dict.fromkeys(re.sub(r"\[[\d,]+\]", "", reason) for reason in reasons.values()))
+    return Rewrite(text, changes, flat=True, reasons=told)
 
 
 def _written(

@@ -15,6 +15,13 @@ class Format(StrEnum):
 
     TEXT = "text"
     JSON = "json"
+
+
+class TableFormat(StrEnum):
+    """How a result that is one table is printed."""
+
+    TEXT = "text"
+    JSON = "json"
     CSV = "csv"
 
 
@@ -24,9 +31,10 @@ ModelName = Annotated[str | None, typer.Option("--model", "-m", metavar="M", hel
 Search = Annotated[list[Path] | None, typer.Option("--path", metavar="DIR", help="A folder where imports are looked for; may be repeated.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a parameter; may be repeated.")]
 ExperimentName = Annotated[str | None, typer.Option("--experiment", "-e", metavar="E", help="A named run of the model.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace a file that this command did not write.")]
+Force = Annotated[bool, typer.Option("--force", metavar="", help="Replace a file that this command did not write.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT", help="Where to write the result.")]
 OutputFormat = Annotated[Format, typer.Option("--format", help="How to print the result.")]
+TableOutputFormat = Annotated[TableFormat, typer.Option("--format", help="How to print the result.")]
 Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="End time in s.")]
 Interval = Annotated[float | None, typer.Option("--interval", metavar="H", help="Time between recorded points in s.")]
 Tolerance = Annotated[float | None, typer.Option("--tolerance", metavar="R", help="Relative and absolute tolerance.")]

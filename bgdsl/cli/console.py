@@ -61,7 +61,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Iterab
         cells = (cell.rjust(w) if i in flush else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True)))
         return "  ".join(cells).rstrip()
 
-    return "\n".join([line(header), "  ".join("-" * w for w in widths), *(line(row) for row in rows)])
+    return "\n".join([line(header), "  ".join("-" * w for w in widths).rstrip(), *(line(row) for row in rows)])
 
 
 @contextmanager

@@ -11,8 +11,11 @@ from bgdsl.cli.console import RefusedError
 
 
 def write(path: Path, text: str, *, ours: Callable[[str], bool], force: bool) -> None:
-    """Put `text` at `path` by renaming a temporary file. An existing file is replaced where `ours` recognises its text, or with `force`."""
-    if path.exists() and not force and not ours(_start(path)):
+    """Put `text` at `path` by renaming a temporary file.
+
+    An existing file is replaced where `ours` recognises its text, where it holds `text` already, or with `force`.
+    """
+    if path.exists() and not force and not ours(_start(path)) and not _holds(path, text):
         raise RefusedError(f"{path} exists and was not written by this command; --force replaces it")
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -24,6 +27,11 @@ def write(path: Path, text: str, *, ours: Callable[[str], bool], force: bool) ->
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Whether the file is what would be written."""
+    return path.is_file() and path.stat().st_size == len(text.encode()) and path.read_text("utf-8", errors="replace") == text
 
 
 def _start(path: Path) -> str:

@@ -47,37 +47,47 @@ def check(
 @app.command()
 def fmt(
     files: arg.Files,
-    check: Annotated[bool, typer.Option("--check", help="Change nothing; status 1 if a file is not formatted.")] = False,
-    diff: Annotated[bool, typer.Option("--diff", help="Show what would change.")] = False,
+    check: Annotated[bool, typer.Option("--check", metavar="", help="Change nothing; status 1 if a file is not formatted.")] = False,
+    diff: Annotated[bool, typer.Option("--diff", metavar="", help="Show what would change, and change nothing.")] = False,
+    format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
     """Bring files into the canonical layout; every comment stays."""
     from bgdsl.cli.files import write
+
+    states: dict[Path, str] = {}
+    for file in sources(files):
+        found = _formatted(file)
+        if found is None:
+            states[file] = "unreadable"
+            continue
+        text, tidy = found
+        states[file] = "formatted" if text == tidy else "unformatted" if check or diff else "reformatted"
+        if diff and format is arg.Format.TEXT:
+            console.out("".join(difflib.unified_diff(text.splitlines(True), tidy.splitlines(True), str(file), str(file))))
+        if states[file] == "reformatted":
+            write(file, tidy, ours=lambda _: True, force=True)
+        if states[file] != "formatted" and not (diff and not check):
+            console.message(f"would reformat {file}" if check else f"reformatted {file}")
+    if format is arg.Format.JSON:
+        console.out_json({"files": [{"file": str(file), "state": state} for file, state in states.items()]})
+    found_states = set(states.values())
+    return 2 if "unreadable" in found_states else int(check and "unformatted" in found_states)
+
+
+def _formatted(file: Path) -> tuple[str, str] | None:
+    """A file's text and its canonical layout; None where it cannot be parsed, which is told."""
     from bgdsl.syntax.formatter import format_source
     from bgdsl.syntax.parser import read_source
 
-    unformatted = failed = 0
-    for file in sources(files):
-        report = Reporter()
-        try:
-            source = read_source(file, report)
-            text = format_source(source, report)
-            report.stop_if_errors()
-        except BgError as error:
-            console.diagnostics(error.diagnostics)
-            failed += 1
-            continue
-        if text == source.text:
-            continue
-        unformatted += 1
-        if diff:
-            lines = difflib.unified_diff(source.text.splitlines(True), text.splitlines(True), str(file), str(file))
-            console.out("".join(lines))
-        if check:
-            console.message(f"would reformat {file}")
-        elif not diff:
-            write(file, text, ours=lambda _: True, force=True)
-            console.message(f"reformatted {file}")
-    return 2 if failed else int(check and unformatted > 0)
+    report = Reporter()
+    try:
+        source = read_source(file, report)
+        tidy = format_source(source, report)
+        report.stop_if_errors()
+    except BgError as error:
+        console.diagnostics(error.diagnostics)
+        return None
+    return source.text, tidy
 
 
 VIEWS = ("tree", "bonds", "causality", "equations", "states")
@@ -112,12 +122,17 @@ def show(
 @app.command()
 def explain(
     code: Annotated[str | None, typer.Argument(metavar="CODE", help="A diagnostic's code, such as BG401.", show_default=False)] = None,
+    format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
     """Say what a diagnostic's code means, with an example and the cure; without a code, list all of them."""
     from bgdsl.explanations import explanation, titles
 
+    as_json = format is arg.Format.JSON
     if code is None:
-        console.out("\n".join(f"{number}  {title}" for number, title in titles().items()))
+        if as_json:
+            console.out_json([{"code": number, "title": title} for number, title in titles().items()])
+        else:
+            console.out("\n".join(f"{number}  {title}" for number, title in titles().items()))
         return 0
     text = explanation(code.upper())
     if text is None:
@@ -125,5 +140,8 @@ def explain(
         hint = f"; close to it are {', '.join(close)}" if close else "; `bgc explain` lists all codes"
         console.message(f"error: there is no code {code}{hint}")
         return 2
-    console.out(text)
+    if as_json:
+        console.out_json({"code": code.upper(), "title": titles()[code.upper()], "text": text})
+    else:
+        console.out(text)
     return 0

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 MaxError = Annotated[str | None, typer.Option("--max-error", metavar="E", help="Find the smallest model with output errors up to E (8%).")]
 Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
-Guard = Annotated[bool, typer.Option("--guard/--no-guard", help="Keep a term whose rms effort (flow) is above the threshold all the same.")]
+Guard = Annotated[
+    bool, typer.Option("--guard/--no-guard", metavar="", help="Keep a term whose rms effort (flow) is above the threshold all the same.")
+]
 
 
 def measured(
@@ -57,16 +59,16 @@ def activity(
     output: arg.Output = None,
     path: arg.Search = None,
     force: arg.Force = False,
-    format: arg.OutputFormat = arg.Format.TEXT,
+    format: arg.TableOutputFormat = arg.TableFormat.TEXT,
 ) -> int:
     """Print the activity of every term, and how it compares with the largest at its junction."""
     from bgdsl.cli.files import write
     from bgdsl.passes import activity as pass_
 
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method).report
-    if format is arg.Format.JSON:
+    if format is arg.TableFormat.JSON:
         text = pass_.to_json(found)
-    elif format is arg.Format.CSV:
+    elif format is arg.TableFormat.CSV:
         text = pass_.to_csv(found)
     else:
         text = _table(found, arg.fraction(threshold, "--threshold") if threshold else 0.01)
@@ -89,8 +91,12 @@ def _table(report: Any, threshold: float) -> str:
     return f"{head}\n\n{text}\n\n" + console.table(("element", "kind", "activity / J", "index"), elements, right=(2, 3))
 
 
-def _is_reduced(start: str) -> bool:
-    return "annotation(conditioned(" in start or "annotation(partition(" in start
+def _is_conditioned(start: str) -> bool:
+    return "annotation(conditioned(" in start
+
+
+def _is_partition(start: str) -> bool:
+    return "annotation(partition(" in start
 
 
 @app.command()
@@ -124,7 +130,7 @@ def condition(
     if allowed is not None:
         return _searched(found, allowed, output, arg.names(outputs), guard, force, format)
     reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
-    write(output, reduced.source, ours=_is_reduced, force=force)
+    write(output, reduced.source, ours=_is_conditioned, force=force)
     _told(reduced, output, format)
     return 0
 
@@ -159,7 +165,7 @@ def _searched(
     result = smallest(found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name)
     best = result.search.best
     text = result.reduced.source if result.reduced is not None else found.model.source
-    write(output, text, ours=_is_reduced, force=force)
+    write(output, text, ours=_is_conditioned, force=force)
     if format is arg.Format.JSON:
         models = [asdict(candidate) for candidate in result.search.tried]
         level = None if best is None else best.threshold
@@ -183,7 +189,7 @@ def partition(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the partitions' files.")],
     threshold: Threshold = None,
     conditioned: Annotated[
-        bool, typer.Option("--conditioned", help="Drop every term below the threshold, inside the partitions too.")
+        bool, typer.Option("--conditioned", metavar="", help="Drop every term below the threshold, inside the partitions too.")
     ] = False,
     model: arg.ModelName = None,
     experiment: arg.ExperimentName = None,
@@ -216,7 +222,7 @@ def partition(
             console.out(_misses(result, eps))
         return 1
     for written in result.files:
-        write(output / written.file, written.text, ours=_is_reduced, force=force)
+        write(output / written.file, written.text, ours=_is_partition, force=force)
     write(output / "partition.json", result.document + "\n", ours=lambda start: '"partitions"' in start, force=force)
     if format is not arg.Format.JSON:
         console.out(_files(result, output))

@@ -8,7 +8,7 @@ expressions need, computes what reads parameters only once per parameter set, an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -142,6 +142,20 @@ class Program:
         """The exact derivatives of the state derivatives and of the solved blocks."""
         with uncollected():
             return self.differentiate(self)
+
+    @cached_property
+    def invariant_slopes(self) -> Sparse:
+        """The exact derivatives of the invariants by the states, a row each. They read no solved blocks."""
+        with uncollected():
+            matrix = self.differentiate(replace(self, derivatives=tuple(value for value, _ in self.invariants))).matrix
+        assert matrix.shape == (len(self.invariants), len(self.states)), "invariants read no solved blocks"
+        return matrix
+
+    @cached_property
+    def is_driven(self) -> bool:
+        """Whether the states are moved by functions of time."""
+        roots = [*self.derivatives, *(value for step in self.needed(self.derivatives) for value in read(step))]
+        return any(True for _ in leaves(roots, "time"))
 
     def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
         """The steps that the roots need, in order."""

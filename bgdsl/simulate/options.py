@@ -19,7 +19,7 @@ from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.expr import Expr, evaluate, leaves
 from bgdsl.ir.graph import Experiment, Parameter
 from bgdsl.ir.native import parameter_names
-from bgdsl.ir.program import Program, read
+from bgdsl.ir.program import Program
 from bgdsl.simulate.methods import DEFAULT, METHODS
 from bgdsl.source import Source, Span
 
@@ -96,15 +96,9 @@ def resolve_options(
     options = _settled(chosen, settings, parameters)
     _check(options, report)
     report.stop_if_errors()
-    if settings.max_step is None and _is_driven(program):
+    if settings.max_step is None and program.is_driven:
         options = replace(options, max_step=_longest_step(options))
     return options
-
-
-def _is_driven(program: Program) -> bool:
-    """Whether the states are moved by functions of time."""
-    roots = [*program.derivatives, *(value for step in program.needed(program.derivatives) for value in read(step))]
-    return any(True for _ in leaves(roots, "time"))
 
 
 def _longest_step(options: Options) -> float:

@@ -6,7 +6,6 @@ Only storage states (momenta and displacements) are moved where that is enough: 
 from __future__ import annotations
 
 import ctypes
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.diagnostics import Code, Reporter
@@ -37,10 +36,8 @@ class Invariants:
 
         program = model.program
         self._model, self._inputs = model, inputs
-        slopes = program.differentiate(replace(program, derivatives=tuple(value for value, _ in program.invariants))).matrix
         m, n = len(program.invariants), len(program.states)
-        assert slopes.shape == (m, n), "invariants read no solved blocks"
-        entries = sorted(slopes.entries, key=lambda entry: (entry[1], entry[0]))
+        entries = sorted(program.invariant_slopes.entries, key=lambda entry: (entry[1], entry[0]))
         columns = np.array([j for _, j, _ in entries], dtype=int)
         self._arrays: dict[str, Any] = {
             "starts": np.concatenate(([0], np.cumsum(np.bincount(columns, minlength=n)))).astype(np.int32),

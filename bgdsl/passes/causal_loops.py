@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.passes.blocks import strong_components
 
 Graph = list[list[int]]
 
@@ -49,50 +50,7 @@ def reachable(graph: Graph, starts: Iterable[int]) -> Iterator[int]:
         seen.update(dict.fromkeys(graph[node]))
 
 
-def strong_components(graph: Graph) -> list[list[int]]:
-    """Strong components with more than one node or an edge to itself (Tarjan, without recursion)."""
-    order = [-1] * len(graph)
-    low = [0] * len(graph)
-    on_stack = [False] * len(graph)
-    stack: list[int] = []
-    found: list[list[int]] = []
-    count = 0
-    for root in range(len(graph)):
-        if order[root] >= 0:
-            continue
-        work = [(root, 0)]
-        while work:
-            node, i = work.pop()
-            if i == 0:
-                order[node] = low[node] = count
-                count += 1
-                stack.append(node)
-                on_stack[node] = True
-            elif i > 0:
-                low[node] = min(low[node], low[graph[node][i - 1]]) if on_stack[graph[node][i - 1]] else low[node]
-            while i < len(graph[node]):
-                next_one = graph[node][i]
-                i += 1
-                if order[next_one] < 0:
-                    work.append((node, i))
-                    work.append((next_one, 0))
-                    break
-                if on_stack[next_one]:
-                    low[node] = min(low[node], order[next_one])
-            else:
-                if low[node] == order[node]:
-                    members = []
-                    while True:
-                        member = stack.pop()
-                        on_stack[member] = False
-                        members.append(member)
-                        if member == node:
-                            break
-                    if len(members) > 1 or node in graph[node]:
-                        found.append(sorted(members))
-    return sorted(found)
-
-
 def causal_loops(graph: Graph) -> tuple[tuple[int, ...], ...]:
     """The junctions of each causal loop."""
-    return tuple(tuple(sorted({node // 2 for node in component})) for component in strong_components(graph))
+    loops = (nodes for nodes in strong_components(graph) if len(nodes) > 1 or nodes[0] in graph[nodes[0]])
+    return tuple(tuple(sorted({node // 2 for node in nodes})) for nodes in sorted(loops))

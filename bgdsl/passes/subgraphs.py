@@ -15,13 +15,14 @@ from collections.abc import Collection, Mapping, Sequence
 
 from bgdsl.ir.partition import Dependencies, Edge, Partition, Partitions, Passed
 from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.passes.blocks import strong_components
 
 
 def partitions(scalar: ScalarGraph, needs: Dependencies, ignored: Collection[Edge] = ()) -> Partitions:
     """The partitions of a model whose dependencies are `needs`, edges in `ignored` left out."""
     gone = set(ignored)
     edges = [edge for edge in needs.edges if edge not in gone]
-    component = strong_components(needs.size, [(edge.source, edge.reader) for edge in edges])
+    component = ordered_components(needs.size, [(edge.source, edge.reader) for edge in edges])
     number = _numbered(needs, edges, component)
     drivers: dict[int, set[int]] = {k: set() for k in range(max(number, default=-1) + 1)}
     passed: dict[Passed, None] = {}
@@ -81,51 +82,17 @@ def _numbered(needs: Dependencies, edges: Sequence[Edge], component: Sequence[in
     return [max(0, number[c]) for c in component]
 
 
-def strong_components(size: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
-    """The component of each node, numbered so that an edge never leads to a smaller number (Tarjan, without recursion).
+def ordered_components(size: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """The strong component of each node, numbered so that no edge (source, reader) leads to a smaller number.
 
-    Components that no edge orders are numbered by their smallest node.
+    Searched backwards, from the last node and from source to reader: what no edge orders stays in the order of the nodes.
     """
-    successors: list[list[int]] = [[] for _ in range(size)]
+    last = size - 1
+    readers: list[list[int]] = [[] for _ in range(size)]
     for source, reader in pairs:
-        successors[source].append(reader)
-    index = [-1] * size
-    low = [0] * size
-    on_stack = [False] * size
+        readers[last - source].append(last - reader)
     found = [-1] * size
-    stack: list[int] = []
-    counter = components = 0
-    for root in range(size - 1, -1, -1):
-        if index[root] >= 0:
-            continue
-        work = [(root, 0)]
-        while work:
-            node, i = work.pop()
-            if i == 0:
-                index[node] = low[node] = counter
-                counter += 1
-                stack.append(node)
-                on_stack[node] = True
-            deeper = False
-            for k in range(i, len(successors[node])):
-                after = successors[node][k]
-                if index[after] < 0:
-                    work.append((node, k + 1))
-                    work.append((after, 0))
-                    deeper = True
-                    break
-                if on_stack[after]:
-                    low[node] = min(low[node], index[after])
-            if deeper:
-                continue
-            if low[node] == index[node]:
-                while True:
-                    member = stack.pop()
-                    on_stack[member] = False
-                    found[member] = components
-                    if member == node:
-                        break
-                components += 1
-            if work:
-                low[work[-1][0]] = min(low[work[-1][0]], low[node])
-    return [components - 1 - c for c in found]
+    for number, component in enumerate(reversed(strong_components(readers))):
+        for node in component:
+            found[last - node] = number
+    return found

@@ -19,7 +19,7 @@ from bgdsl.ir.native import parameter_names
 from bgdsl.passes import freezing
 from bgdsl.passes.activity import grounded
 from bgdsl.passes.dependencies import dependencies
-from bgdsl.passes.subgraphs import partitions, strong_components
+from bgdsl.passes.subgraphs import ordered_components, partitions
 from bgdsl.reductions.condition import decide, parameter_values
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, write_partitions
 from bgdsl.simulate.direct import DirectModel
@@ -180,7 +180,7 @@ def test_a_rate_is_integrated_anew_with_the_others_held() -> None:
 def test_strong_components_are_numbered_in_order(size: int, data: st.DataObject) -> None:
     node = st.integers(0, size - 1)
     pairs = data.draw(st.lists(st.tuples(node, node), max_size=30))
-    component = strong_components(size, pairs)
+    component = ordered_components(size, pairs)
     assert all(component[a] <= component[b] for a, b in pairs)
     reach = np.eye(size, dtype=bool)
     for a, b in pairs:

@@ -26,6 +26,10 @@ Needs = Callable[[frozenset[int]], Dependencies]
 Split = Callable[[Dependencies, Collection[Edge]], Partitions]
 
 
+NOTHING = 1e-12
+"""A relative activity that is nothing: rounding of what cancels."""
+
+
 @dataclass(frozen=True, slots=True)
 class Miss:
     """A term that would have to fall for the model to come apart, and its rho."""
@@ -68,16 +72,24 @@ def find_partitions(
         misses, apart_at = nearest_misses(scalar, report, threshold, needs, split, guard=guard, freezable=freezable or {})
         return Partitioning(decision, found, (), misses, apart_at)
     if not conditioned:
-        decision = boundary(scalar, decision, found, needs(frozenset()))
+        decision = boundary(scalar, report, decision, found, needs(frozenset()))
         found, frozen = _apart(needs(decision.dropped), split, holding)
     return Partitioning(decision, found, frozen)
 
 
-def boundary(scalar: ScalarGraph, decision: Decision, found: Partitions, full: Dependencies) -> Decision:
+def boundary(scalar: ScalarGraph, report: ActivityReport, decision: Decision, found: Partitions, full: Dependencies) -> Decision:
     """The decision restricted to terms by which a partition would feel a later one: the far side's variable, or a modulus that reads
-    it. At the other end of such a bond the term stays, since what drives may be felt. full: dependencies of the whole model."""
+    it. At the other end of such a bond the term stays, since what drives may be felt, unless nothing at all passes there. full:
+    dependencies of the whole model."""
     against = {edge.term for edge in full.edges if found.of_node[edge.source] > found.of_node[edge.reader]}
-    return settle(scalar, decision.restricted(frozenset(t for t in decision.dropped if t in against)))
+    idle = {term.index for junction in report.junctions for term in junction.terms if term.rho <= NOTHING}
+    apart = {t for t in decision.dropped & idle if _crosses(scalar, found, t)}
+    return settle(scalar, decision.restricted(frozenset(t for t in decision.dropped if t in against or t in apart)))
+
+
+def _crosses(scalar: ScalarGraph, found: Partitions, t: int) -> bool:
+    far = scalar.terms[t].other
+    return far is not None and found.of_node[scalar.terms[far].junction] != found.of_node[scalar.terms[t].junction]
 
 
 def _apart(needs: Dependencies, split: Split, holding: Mapping[Edge, Frozen]) -> tuple[Partitions, tuple[Frozen, ...]]:
@@ -120,7 +132,7 @@ def nearest_misses(
     if low == len(levels):
         return (), None
     decision, found = at(levels[low])
-    between = boundary(scalar, decision, found, needs(frozenset())).dropped
+    between = boundary(scalar, report, decision, found, needs(frozenset())).dropped
     records = report.by_index()
     names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
     misses = [Miss(t, names[t], records[t].name, records[t].rho) for t in between if records[t].rho >= threshold]

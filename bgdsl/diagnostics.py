@@ -124,6 +124,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> tuple[str, ...]:
     return (f"did you mean `{close[0]}`?",) if close else ()
 
 
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Names in a sentence: "`a`, `b` and 3 more"."""
+    names = list(names)
+    shown = ", ".join(f"`{name}`" for name in names[:most])
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown
+
+
 # ---------------------------------------------------------------------------------------------------------------- shown
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.ir.causal import Constrained
 from bgdsl.ir.graph import Bond
 from bgdsl.ir.scalar import Term
@@ -169,15 +169,10 @@ def dependent_storages(story: Story, report: Reporter, derivative: Mapping[str, 
     count = f"{len(elements)} storages have" if len(elements) > 1 else f"`{terms[0].element}` has"
     report.add(
         DEPENDENT,
-        f"{count} derivative causality: {_listed(states)} {'are' if len(states) > 1 else 'is'} given by other states or sources",
+        f"{count} derivative causality: {listed(states, 4)} {'are' if len(states) > 1 else 'is'} given by other states or sources",
         span,
         "not independent",
         others=[(s, "nor is this") for s in spans],
         notes=story.sentences(first),
         helps=["nothing has to be done: the equations are exact; a C or an R between the parts would make them independent"],
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(f"`{name}`" for name in names[:4])
-    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bgdsl.diagnostics import Code, did_you_mean
+from bgdsl.diagnostics import Code, did_you_mean, listed
 from bgdsl.passes.evaluation import position
 from bgdsl.passes.parts import (
     Absent,
@@ -125,7 +125,7 @@ def _ends_of(part: Instance) -> list[str]:
 
 
 def _shown_ends(ends: Sequence[str]) -> str:
-    return f"bonds from outside may end at {', '.join(f'`{name}`' for name in ends)}" if ends else "it has no ports"
+    return f"bonds from outside may end at {listed(ends)}" if ends else "it has no ports"
 
 
 def _whole_instance(part: Instance, reference: ast.Reference) -> Fault:

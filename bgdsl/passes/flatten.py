@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from bgdsl.collecting import uncollected
-from bgdsl.diagnostics import Code, Reporter, did_you_mean
+from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.expr import Expr, substitute, var
 from bgdsl.ir.domains import Domain
 from bgdsl.ir.elements import component
@@ -123,7 +123,7 @@ def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Mo
             Span(source, where.start, where.start),
             "",
             helps=did_you_mean(name, known),
-            notes=_listed(known),
+            notes=_models(known),
         )
     if len(models) == 1:
         return models[0]
@@ -140,13 +140,13 @@ def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Mo
         head(chosen[0].span),
         "one of them",
         others=[(head(other.span), "another") for other in chosen[1:6]],
-        notes=_listed([model.name for model in chosen]),
+        notes=_models([model.name for model in chosen]),
         helps=("say which one with `--model`",),
     )
 
 
-def _listed(names: Sequence[str]) -> tuple[str, ...]:
-    return (f"the models are {', '.join(f'`{name}`' for name in names[:12])}",) if names else ()
+def _models(names: Sequence[str]) -> tuple[str, ...]:
+    return (f"the models are {listed(names, 12)}",) if names else ()
 
 
 def _classes_used(model: ast.Model) -> Iterator[str]:

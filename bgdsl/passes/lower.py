@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import ONE, ZERO, Expr, leaves, rewrite, var
 from bgdsl.ir.elements import component
 from bgdsl.ir.graph import BondGraph, Origin, Parameter
@@ -239,7 +239,7 @@ def _report_singular(block: Block, report: Reporter) -> None:
     others = {e.origin.span: e.element for e in block.equations if e.origin.span != first.origin.span}
     report.add(
         SINGULAR_LOOP,
-        f"the loop through {', '.join(f'`{name}`' for name in block.torn)} has no unique solution",
+        f"the loop through {listed(block.torn)} has no unique solution",
         first.origin.span,
         f"the loop closes at `{first.element}`",
         others=[(span, f"through `{element}`") for span, element in others.items()][:6],

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bgdsl.diagnostics import Code, Reporter, did_you_mean
+from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Imported, Library, Module
@@ -163,7 +163,7 @@ class _Loader:
             f"`{wanted}` is not found",
             item.span,
             "imported here",
-            notes=(f"looked in {', '.join(f'`{_shown(folder)}`' for folder in folders)} and in the library shipped with bgdsl",),
+            notes=(f"looked in {listed(map(_shown, folders))} and in the library shipped with bgdsl",),
             helps=helps or ("give the folder that holds it with `--path`",),
         )
 
@@ -187,7 +187,7 @@ class _Loader:
             imported.span,
             "imported here",
             others=[(Span(first.source, first.start, first.start), "this is the file")],
-            notes=(f"it defines {', '.join(f'`{name}`' for name in known[:12])}",) if known else ("it defines no class",),
+            notes=(f"it defines {listed(known, 12)}",) if known else ("it defines no class",),
             helps=did_you_mean(imported.name, known),
         )
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import Expr, add
 from bgdsl.ir.elements import component
 from bgdsl.ir.graph import Bond, BondGraph, Element
@@ -225,7 +225,7 @@ def _warn_loop(work: Opening, group: list[int], bond: Bond, report: Reporter) ->
         return  # another component of the same vector bond
     names = [work.nodes[number].name for number in group]
     one, parted = ("flow", "efforts") if kind else ("effort", "flows")
-    shown = ", ".join(f"`{name}`" for name in names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    shown = listed(names, 6)
     report.add(
         LIKE_LOOP,
         f"bond `{bond.name}` closes a loop of {kind}-junctions",

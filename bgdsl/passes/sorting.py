@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import Expr, topological, var, variables
 from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, incidence
 from bgdsl.passes.blocks import strong_components
@@ -142,7 +142,7 @@ def _report_overdetermined(system: EquationSystem, rows: Rows, matching: Matchin
         others=[(span, f"together with {text}") for span, text in places.items()][:6],
         notes=[
             *(("no unknown is left for it, nor for its derivative",) if held else ()),
-            f"{_count(len(over), 'equation')} for {_count(len(names), 'unknown')}: {_listed(names)}",
+            f"{_count(len(over), 'equation')} for {_count(len(names), 'unknown')}: {listed(names)}",
         ],
         helps=["remove one of these equations, or one of the parts that state them"],
     )
@@ -159,11 +159,11 @@ def _report_undetermined(system: EquationSystem, rows: Rows, matching: Matching,
     primary = places.get(names[0]) or next(iter(shown))
     report.add(
         UNDERDETERMINED,
-        f"nothing determines {_listed(names)}",
+        f"nothing determines {listed(names)}",
         primary,
         "one equation is missing" if len(names) == 1 else f"{len(names)} equations are missing",
         others=[(span, f"reads it in {text}") for span, text in shown.items() if span != primary][:4],
-        notes=[f"{_count(len(under), 'unknown')} for {_count(len(readers), 'equation')}: {_listed([system.unknowns[j] for j in under])}"],
+        notes=[f"{_count(len(under), 'unknown')} for {_count(len(readers), 'equation')}: {listed([system.unknowns[j] for j in under])}"],
         helps=["add an equation for each, or remove what is not used"],
     )
 
@@ -191,11 +191,6 @@ def _of(equation: Equation) -> str:
 def _shortened(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= 80 else line[:77] + "..."
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(f"`{name}`" for name in names[:8])
-    return f"{shown} and {len(names) - 8} more" if len(names) > 8 else shown
 
 
 def _count(n: int, thing: str) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import to_text, var
 from bgdsl.ir.graph import Origin
 from bgdsl.ir.system import Equation, EquationSystem, State, incidence
@@ -76,5 +76,4 @@ def _report_unmatched(system: EquationSystem, stated: list[Equation], matching: 
 
 
 def _states_text(states: tuple[State, ...]) -> str:
-    names = ", ".join(f"`{s.name}`" for s in states[:8])
-    return f"the states are {names}" + (", ..." if len(states) > 8 else "") if states else "the model has no states"
+    return f"the states are {listed(s.name for s in states)}" if states else "the model has no states"

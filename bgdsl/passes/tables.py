@@ -17,7 +17,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from bgdsl.cache import keep, recall
-from bgdsl.diagnostics import Code
+from bgdsl.diagnostics import Code, listed
 from bgdsl.expr import Table
 from bgdsl.passes.parts import Fault
 from bgdsl.source import Source, Span
@@ -37,7 +37,7 @@ def read_columns(path: Path, x: Column, y: Column, span: Span) -> tuple[list[flo
         source = Source(path.name, path.read_bytes().decode("utf-8-sig"), path)
     except FileNotFoundError:
         near = [other.name for other in path.parent.glob("*.csv")] if path.parent.is_dir() else []
-        helps = (f"there are {', '.join(f'`{name}`' for name in sorted(near)[:5])}",) if near else ()
+        helps = (f"there are {listed(sorted(near), 5)}",) if near else ()
         raise Fault(
             FILE,
             f"table file `{path}` is not found",
@@ -94,7 +94,7 @@ def _column(wanted: Column, header: list[str] | None, rows: Sequence[object], pa
             f"`{path.name}` has no column `{wanted}`",
             span,
             "named here",
-            notes=(f"its columns are {', '.join(f'`{name}`' for name in header)}",),
+            notes=(f"its columns are {listed(header, 12)}",),
             helps=did_you_mean(wanted, header),
         )
     return header.index(wanted)

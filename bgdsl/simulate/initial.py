@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import to_text
 from bgdsl.ir.program import Program, SolveNewton, Step
 from bgdsl.simulate.direct import StepFailureError, Steps, Tape
@@ -66,8 +66,7 @@ def _solve(program: Program, values: dict[str, float], time: float, report: Repo
 
 def _names(step: Step) -> str:
     names = step.variables if not hasattr(step, "variable") else (step.variable,)
-    shown = ", ".join(f"`{name}`" for name in names[:4])
-    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
+    return listed(names, 4)
 
 
 def _residual_notes(step: Step, residual: float) -> tuple[str, ...]:

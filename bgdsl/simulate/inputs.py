@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bgdsl.diagnostics import Code, Reporter, did_you_mean
+from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.source import Source, Span
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def input_signals(
         where = _place("inputs")
         report.fail(
             NO_SIGNAL,
-            f"the model's inputs {_list(names)} have no signals",
+            f"the model's inputs {listed(names, 6)} have no signals",
             where,
             helps=("give a file with `time` and the inputs' names: `--inputs FILE`",),
         )
@@ -86,10 +86,6 @@ def input_signals(
 
 def _place(text: str) -> Span:
     return Span(Source("<command line>", text), 0, len(text))
-
-
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names[:6]) + (", ..." if len(names) > 6 else "")
 
 
 def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start: float, stop: float, report: Reporter) -> InputSignals:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bgdsl.diagnostics import Code, Reporter, did_you_mean
+from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.expr import Expr, evaluate, leaves
 from bgdsl.ir.graph import Experiment, Parameter
 from bgdsl.ir.native import parameter_names
@@ -117,7 +117,7 @@ def _experiment(program: Program, name: str | None, settings: Settings, report: 
     known = {experiment.name: experiment for experiment in program.experiments}
     if name is not None:
         if name not in known:
-            helps = did_you_mean(name, known) or ((f"it has {_list(known)}",) if known else (f"model `{program.model}` has none",))
+            helps = did_you_mean(name, known) or ((f"it has {listed(known)}",) if known else (f"model `{program.model}` has none",))
             report.fail(NO_EXPERIMENT, f"model `{program.model}` has no experiment `{name}`", _said(name), helps=helps)
         return known[name]
     if len(known) == 1:
@@ -125,16 +125,12 @@ def _experiment(program: Program, name: str | None, settings: Settings, report: 
     if known and settings.stop is None:
         report.fail(
             NO_EXPERIMENT,
-            f"model `{program.model}` has several experiments: {_list(known)}",
+            f"model `{program.model}` has several experiments: {listed(known)}",
             next(iter(known.values())).origin.span,
             "the first of them",
             helps=("name one (`--experiment`), or give a stop time (`--stop`) to run the model as it is",),
         )
     return None
-
-
-def _list(names: Iterable[str]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
 
 
 def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[str, float]) -> Options:
@@ -169,7 +165,7 @@ def _check(options: Options, report: Reporter) -> None:
         report.add(BAD_SETTING, f"{name} {value} cannot be used: {why}", _said(f"{name} {value}"), helps=helps)
 
     if options.method not in METHODS:
-        helps = (*did_you_mean(options.method, METHODS), f"there are {_list(METHODS)}")
+        helps = (*did_you_mean(options.method, METHODS), f"there are {listed(METHODS)}")
         bad("method", options.method, "there is no such method", helps)
     if not (math.isfinite(options.start) and math.isfinite(options.stop) and options.stop > options.start):
         bad("stop", options.stop, f"it must be a finite time after the start ({options.start:g} s)")
@@ -231,7 +227,7 @@ def _changed(
                 NO_PARAMETER,
                 f"model `{program.model}` has no parameter `{name}`",
                 _said(name),
-                helps=did_you_mean(name, known) or (f"it has {_list(list(whole)[:8])}" if whole else "it has none",),
+                helps=did_you_mean(name, known) or (f"it has {listed(whole)}" if whole else "it has none",),
             )
             continue
         for scalar, number in found.items():

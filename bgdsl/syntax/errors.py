@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bgdsl.diagnostics import Code, Reporter
+from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 
@@ -86,10 +86,10 @@ def wanted(kinds: frozenset[str], shown: Mapping[str, str]) -> str:
         left.discard("INITIAL_EQUATION")
     closers = [f"`{shown.get(kind, kind.lower())}`" for kind in sorted(left) if kind != "$END"]
     last = ["the end of the file"] if "$END" in left else []
-    return listed([*closers, *phrases, *last])
+    return alternatives([*closers, *phrases, *last])
 
 
-def listed(words: list[str]) -> str:
+def alternatives(words: list[str]) -> str:
     """`a, b or c`."""
     return " or ".join(filter(None, [", ".join(words[:-1]), words[-1]])) if words else "nothing"
 
@@ -156,13 +156,19 @@ def reduction(report: Reporter, function: ast.Reference, known: Iterable[str]) -
         f"`{function.text}` cannot take `for`",
         function.span,
         "not a reduction",
-        helps=[f"these can: {', '.join(f'`{name}`' for name in known)}; an array is `{{{function.text}(i) for i in ...}}`"],
+        helps=[f"these can: {listed(known, 99)}; an array is `{{{function.text}(i) for i in ...}}`"],
     )
 
 
 def run_option(report: Reporter, at: Span, name: str, close: tuple[str, ...]) -> None:
-    known = ", ".join(f"`{option}`" for option in RUN_OPTIONS)
-    report.add(RUN_OPTION, f"a run has no option `{name}`", at, "unknown option", notes=[f"a run's options are {known}"], helps=close)
+    report.add(
+        RUN_OPTION,
+        f"a run has no option `{name}`",
+        at,
+        "unknown option",
+        notes=[f"a run's options are {listed(RUN_OPTIONS, 99)}"],
+        helps=close,
+    )
 
 
 def option_twice(report: Reporter, at: Span, name: str) -> None:

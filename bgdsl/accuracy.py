@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Code, Reporter
-from bgdsl.pipeline import Model
+from bgdsl.playback import Played, at, played
 from bgdsl.reduce import Measured, Reduced, Scenario, condition, measure, partition
 from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output
 from bgdsl.reductions.search import Candidate, Search, search
@@ -20,104 +19,10 @@ from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.parser import parse, read_source
 
-if TYPE_CHECKING:
-    from bgdsl.simulate.result import Run
-
 NOT_REDUCED = Code("BG740", "a file was not written by a reduction")
 FULL_CHANGED = Code("BG741", "the full model is not the one that was reduced")
 NO_FULL = Code("BG742", "the full model of a reduced file is not found")
 NOTHING_TO_COMPARE = Code("BG743", "two models have no output in common")
-
-PLAYBACK_POINTS = 20_000
-"""A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
-
-
-@dataclass(frozen=True, eq=False)
-class Played:
-    """A model as it was run: its signals by name, its size and its cost (s, right-hand side calls, steps)."""
-
-    name: str
-    time: Any
-    signals: Mapping[str, Any]
-    units: Mapping[str, str]
-    states: int
-    equations: int
-    seconds: float
-    rhs_calls: int
-    steps: int
-
-    def cost(self) -> dict[str, Any]:
-        return {
-            "model": self.name,
-            "states": self.states,
-            "equations": self.equations,
-            "seconds": self.seconds,
-            "rhs_calls": self.rhs_calls,
-            "steps": self.steps,
-        }
-
-
-def play(path: Path, scenario: Scenario, *, model: str | None = None, search_in: Sequence[Path] = ()) -> Played:
-    """Run a `.bg` file, or the partitions of a folder one after the other, each on the recorded signals of those before."""
-    if path.is_dir():
-        return _play_partitions(path, scenario, search_in)
-    return played(path.name, pipeline.load(path, model, search=search_in), scenario)
-
-
-def played(name: str, model: Model, scenario: Scenario, wanted: Sequence[str] | None = None) -> Played:
-    """Run one model and keep its outputs (its states where it has none)."""
-    settings = dict(scenario.settings or {})
-    if wanted is not None:
-        settings["vars"] = wanted
-    system = model.compile()
-    run = system.simulate(scenario.experiment, scenario.parameters, progress=scenario.progress, **settings)
-    return _as_played(name, model, run)
-
-
-def _as_played(name: str, model: Model, run: Run) -> Played:
-    trajectory, sizes = run.trajectory, model.sizes()
-    signals = dict(zip(trajectory.names, trajectory.values.T, strict=True))
-    units = dict(zip(trajectory.names, trajectory.units, strict=True))
-    cost = run.statistics
-    return Played(name, run.time, signals, units, sizes["states"], sizes["equations"], cost.wall_time, cost.rhs_calls, cost.steps)
-
-
-def _play_partitions(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> Played:
-    """The union of the partitions' outputs, under the names of the full model where `partition.json` tells them."""
-    import numpy as np
-
-    document = json.loads((folder / "partition.json").read_text("utf-8"))
-    record: dict[str, Any] = {}
-    parts: list[Played] = []
-    for entry in document["partitions"]:
-        model = pipeline.load(folder / entry["file"], search=search_in)
-        settings = dict(scenario.settings or {})
-        if entry["inputs"]:
-            settings["inputs"] = {"time": record["time"], **{name: record[name] for name in entry["inputs"]}}
-        system = model.compile()
-        if entry["outputs"]:
-            stop = system.options(scenario.experiment, {}, pipeline.settings_of(settings, None)[0]).stop
-            settings["interval"] = min(settings.get("interval") or math.inf, stop / PLAYBACK_POINTS)
-        known = {p for parameter in model.graph.parameters for p in (parameter.name, *parameter.scalars())}
-        changes = {name: value for name, value in (scenario.parameters or {}).items() if name in known}
-        run = system.simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
-        part = _as_played(entry["file"], model, run)
-        record.setdefault("time", part.time)
-        record |= {name: np.interp(record["time"], part.time, values) for name, values in part.signals.items()}
-        parts.append(part)
-    longest = max(parts, key=lambda part: len(part.time))
-    signals = {name: np.interp(longest.time, part.time, values) for part in parts for name, values in part.signals.items()}
-    units = {name: unit for part in parts for name, unit in part.units.items()}
-    total = replace(longest, name=folder.name, signals=signals, units=units)
-    return replace(
-        total,
-        states=sum(part.states for part in parts),
-        equations=sum(part.equations for part in parts),
-        seconds=sum(part.seconds for part in parts),
-        rhs_calls=sum(part.rhs_calls for part in parts),
-        steps=sum(part.steps for part in parts),
-    )
-
 
 # --------------------------------------------------------------------------------------------------------------- compare
 
@@ -175,7 +80,7 @@ def compare(
             full.units.get(name, ""),
             time,
             full.signals[name][inside],
-            _at(time, reduced, name),
+            at(time, reduced, name),
             harmonics=harmonics,
             shafts=shafts,
         )
@@ -187,16 +92,6 @@ def compare(
 
 def _spread(full: Played, outputs: Sequence[str]) -> set[str]:
     return {name for name in full.signals for wanted in outputs if name == wanted or name.startswith(f"{wanted}[")}
-
-
-def _at(time: Any, played: Played, name: str) -> Any:
-    import numpy as np
-
-    if len(played.time) > 4 and not np.array_equal(played.time, time) and np.all(np.diff(played.time) > 0):
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(played.time, played.signals[name])(time)
-    return np.interp(time, played.time, played.signals[name])
 
 
 # ---------------------------------------------------------------------------------------------------------------- verify

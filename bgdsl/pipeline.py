@@ -231,6 +231,7 @@ class System:
         output: str | Path | None = None,
         force: bool = False,
         quadratures: Quadratures | None = None,
+        state: Any = None,
         progress: Callable[[float], None] | None = None,
         say: Callable[[str], None] | None = None,
         **more: Any,
@@ -238,7 +239,8 @@ class System:
         """Run an experiment, or the model as it stands.
 
         parameters: changes by dotted path; as keywords too (`mA=12.0`). Settings of the run: stop, interval, tolerance (or rtol,
-        atol), method, max_step, window, vars, inputs. With `output` the rows go to that file (CSV, netCDF, Parquet).
+        atol), method, max_step, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go to that
+        file (CSV, netCDF, Parquet).
         A structural parameter has the model flattened and compiled again, and `say` is told.
         """
         from bgdsl.simulate import run
@@ -248,7 +250,13 @@ class System:
         changes = {name: value for name, value in changes.items() if name not in system.model.overrides}
         options = system.options(experiment, changes, settings)
         return run.simulate(
-            system.native, options, quadratures=quadratures, output=None if output is None else Path(output), force=force, progress=progress
+            system.native,
+            options,
+            quadratures=quadratures,
+            start=state,
+            output=None if output is None else Path(output),
+            force=force,
+            progress=progress,
         )
 
     def options(self, experiment: str | None, changes: Mapping[str, Any], settings: Settings) -> Options:

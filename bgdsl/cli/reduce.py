@@ -252,6 +252,7 @@ ShaftName = Annotated[str | None, typer.Option("--shaft", metavar="NAME", help="
 Cycles = Annotated[int, typer.Option("--cycles", min=1, help="With --shaft: how many cycles at the end of the run.")]
 Revolutions = Annotated[float, typer.Option("--revolutions", min=0.01, help="With --shaft: revolutions of a cycle.")]
 Harmonics = Annotated[int, typer.Option("--harmonics", min=0, help="How many harmonics of each output.")]
+Together = Annotated[bool, typer.Option("--together", help="Run the partitions of a folder at the same time, each in its own process.")]
 FullFile = Annotated[Path | None, typer.Option("--full", metavar="FILE", help="The full model; otherwise looked for near REDUCED.")]
 
 
@@ -275,18 +276,19 @@ def compare(
     interval: arg.Interval = None,
     tolerance: arg.Tolerance = None,
     method: arg.Method = None,
+    together: Together = False,
     path: arg.Search = None,
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
     """Compare reduced models with the full one: means, harmonics, errors, cost."""
-    from bgdsl import accuracy, reduce
+    from bgdsl import accuracy, playback, reduce
 
     settings = _given(stop=stop, interval=interval, tolerance=tolerance, method=method)
     of_interest, span = arg.names(outputs), arg.window(window)
     with console.progress("comparing") as progress:
         scenario = reduce.Scenario(experiment, arg.settings(set_), settings, progress)
-        whole = accuracy.play(full, scenario, search_in=path or ())
-        small = [accuracy.play(file, scenario, search_in=path or ()) for file in reduced]
+        whole = playback.play(full, scenario, search_in=path or ())
+        small = [playback.play(file, scenario, search_in=path or (), together=together) for file in reduced]
         comparisons = [
             accuracy.compare(
                 whole, one, outputs=of_interest, window=span, harmonics=harmonics, shaft=shaft, cycles=cycles, revolutions=revolutions

@@ -8,6 +8,7 @@ lines, `...` in a line for any text, `~1.2` for any number, and two spaces for t
 
 from __future__ import annotations
 
+import importlib
 import io
 import re
 import shlex
@@ -30,6 +31,7 @@ SHOWN = {"text", "json", "toml", "sh"}  # pictures and shapes, not to be run
 def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(ROOT / "models", tmp_path / "models")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)  # as in an interpreter that is started there
     names: dict[str, object] = {}
     for i, match in enumerate(BLOCK.finditer(page.read_text("utf-8"))):
         language, text = match[1], match[2]
@@ -42,6 +44,7 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
             found = {d.code.number: d.message for d in pipeline.check_file(file) if d.severity == "error"}
             assert set(found) == ({wanted[1]} if wanted else set()), found
         elif language == "python":
+            importlib.invalidate_caches()  # a command may have written a module just now
             exec(compile(text, f"{page.name} block {i}", "exec"), names)
             capsys.readouterr()
         elif language == "console":
@@ -79,3 +82,19 @@ def _pattern(shown: str) -> str:
 
 NUMBER = re.compile(r"~(?:\\-)?(?:\\?[\d.])+(?:e(?:\\[-+])?\d+)?")
 """`~` and a number, escaped for a regular expression."""
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGES.md"], ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        path, _, anchor = target.partition("#")
+        if "://" in target:
+            continue
+        found = page.parent / path if path else page
+        assert found.exists(), f"{page.name} links to {target}"
+        if anchor:
+            heads = [
+                re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in re.findall(r"^#+ (.*)$", found.read_text("utf-8"), re.M)
+            ]
+            assert anchor in heads, f"{page.name} links to {target}"

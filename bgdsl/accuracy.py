@@ -235,9 +235,13 @@ def smallest(
     outputs: Sequence[str] | None = None,
     folder: Path | None = None,
     file: str = "reduced.bg",
+    shaft: str | None = None,
 ) -> Searched:
-    """Search for the smallest conditioned model whose outputs of interest have normalised RMS errors of at most `allowed`."""
+    """Search for the smallest conditioned model whose outputs of interest have normalised RMS errors of at most `allowed`. shaft: a
+    variable that is a shaft's angle; errors are then taken at equal angles."""
     model, scenario = measured.model, measured.scenario
+    if outputs is not None and shaft is not None:
+        outputs = (*outputs, shaft)
     full = played(model.name, model, scenario, outputs)
     made: dict[float, Reduced] = {}
     scenario = replace(scenario, parameters=None)  # changed parameters are the reduced model's defaults
@@ -249,7 +253,7 @@ def smallest(
         try:
             small = pipeline.load_source(Source(file, reduced.source, (folder or Path()) / file), model.name)
             run = played(file, small, scenario, outputs)
-            comparison = compare(full, run, window=measured.report.window)
+            comparison = compare(full, run, window=measured.report.window, shaft=shaft)
         except BgError:
             return Candidate(threshold, dropped, 0, math.inf, math.inf)
         return Candidate(threshold, dropped, run.states, comparison.worst, run.seconds)

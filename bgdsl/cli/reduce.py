@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 MaxError = Annotated[str | None, typer.Option("--max-error", metavar="E", help="Find the smallest model with output errors up to E (8%).")]
+ShaftName = Annotated[
+    str | None,
+    typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order, errors at equal angles."),
+]
 Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
 Guard = Annotated[
     bool, typer.Option("--guard/--no-guard", metavar="", help="Keep a term whose rms effort (flow) is above the threshold all the same.")
@@ -106,6 +110,7 @@ def condition(
     threshold: Threshold = None,
     max_error: MaxError = None,
     outputs: Outputs = None,
+    shaft: ShaftName = None,
     model: arg.ModelName = None,
     experiment: arg.ExperimentName = None,
     set_: arg.Set = None,
@@ -128,7 +133,7 @@ def condition(
     allowed = arg.fraction(max_error, "--max-error") if max_error else None
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
     if allowed is not None:
-        return _searched(found, allowed, output, arg.names(outputs), guard, force, format)
+        return _searched(found, allowed, output, arg.names(outputs), shaft, guard, force, format)
     reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
     write(output, reduced.source, ours=_is_conditioned, force=force)
     _told(reduced, output, format)
@@ -157,12 +162,19 @@ def _told(reduced: Reduced, output: Path, format: arg.Format) -> None:
 
 
 def _searched(
-    found: Measured, allowed: float, output: Path, outputs: tuple[str, ...] | None, guard: bool, force: bool, format: arg.Format
+    found: Measured,
+    allowed: float,
+    output: Path,
+    outputs: tuple[str, ...] | None,
+    shaft: str | None,
+    guard: bool,
+    force: bool,
+    format: arg.Format,
 ) -> int:
     from bgdsl.accuracy import smallest
     from bgdsl.cli.files import write
 
-    result = smallest(found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name)
+    result = smallest(found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name, shaft=shaft)
     best = result.search.best
     text = result.reduced.source if result.reduced is not None else found.model.source
     write(output, text, ours=_is_conditioned, force=force)
@@ -248,7 +260,6 @@ def _misses(result: Partitioned, eps: float) -> str:
 Full = Annotated[Path, typer.Argument(metavar="FULL", help="The full model's file.", show_default=False)]
 ReducedFiles = Annotated[list[Path], typer.Argument(metavar="REDUCED...", help="Reduced files, folders of partitions.", show_default=False)]
 ReducedFile = Annotated[Path, typer.Argument(metavar="REDUCED", help="What `condition` or `partition` wrote.", show_default=False)]
-ShaftName = Annotated[str | None, typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order.")]
 Cycles = Annotated[int, typer.Option("--cycles", min=1, help="With --shaft: how many cycles at the end of the run.")]
 Revolutions = Annotated[float, typer.Option("--revolutions", min=0.01, help="With --shaft: revolutions of a cycle.")]
 Harmonics = Annotated[int, typer.Option("--harmonics", min=0, help="How many harmonics of each output.")]

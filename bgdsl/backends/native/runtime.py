@@ -123,7 +123,7 @@ class _Routine:
             self.store(target, j, self.float("fsub", self.load(target, j), product))
 
     def swap(self, a: str, b: str, width: str) -> None:
-        with self.loop("0", width) as j:
+        with self.loop("0", width, wide=True) as j:
             x, y = self.load(a, j), self.load(b, j)
             self.store(a, j, y)
             self.store(b, j, x)

@@ -43,8 +43,36 @@ def residual(p: Projection, t: real, x: reals) -> int:
 
 
 @kernel
+def subtract(n: whole, target: reals, factor: real, source: reals) -> None:
+    """target -= factor * source"""
+    for i in range(n):
+        target[i] -= factor * source[i]
+
+
+@kernel
+def dot(n: whole, x: reals, y: reals) -> real:
+    """The inner product, in four sums that do not wait for one another."""
+    a = 0.0
+    b = 0.0
+    c = 0.0
+    d = 0.0
+    i = 0
+    while i + 3 < n:
+        a += x[i] * y[i]
+        b += x[i + 1] * y[i + 1]
+        c += x[i + 2] * y[i + 2]
+        d += x[i + 3] * y[i + 3]
+        i += 4
+    while i < n:
+        a += x[i] * y[i]
+        i += 1
+    return (a + b) + (c + d)
+
+
+@kernel
 def factorise(p: Projection, t: real, x: reals) -> int:
-    """The gradient at x, and the Cholesky factor of G W G'."""
+    """The gradient at x, and G W G' = U' D U: the rows of D U in the upper half of the matrix, 1 / D on its diagonal (0 where it
+    vanishes). By rows, so that the machine can do several numbers at once."""
     link = p.link
     m = p.count
     a = p.matrix
@@ -62,25 +90,20 @@ def factorise(p: Projection, t: real, x: reals) -> int:
             slope = p.gradient[q]
             p.sizes[i] += fabs(slope * x[j])
             if w != 0.0:
-                for r in range(p.starts[j], q + 1):
+                for r in range(q, p.starts[j + 1]):
                     a[i * m + p.rows[r]] += w * slope * p.gradient[r]
-    for j in range(m):
-        own = a[j * m + j]
-        d = own
-        for k in range(j):
-            d -= a[j * m + k] * a[j * m + k]
-        if d <= 1e-12 * own:
-            a[j * m + j] = 0.0
-            for i in range(j + 1, m):
-                a[i * m + j] = 0.0
+    for i in range(m):
+        p.move[i] = a[i * m + i]
+    for k in range(m):
+        top = a + k * m
+        own = top[k]
+        if own <= 1e-12 * p.move[k]:
+            top[k] = 0.0
         else:
-            d = sqrt(d)
-            a[j * m + j] = d
-            for i in range(j + 1, m):
-                value = a[i * m + j]
-                for k in range(j):
-                    value -= a[i * m + k] * a[j * m + k]
-                a[i * m + j] = value / d
+            top[k] = 1.0 / own
+            for i in range(k + 1, m):
+                if top[i] != 0.0:
+                    subtract(m - i, a + i * m + i, top[i] / own, top + i)
     p.factored = 1
     return status
 
@@ -92,15 +115,13 @@ def correct(p: Projection, x: reals) -> None:
     a = p.matrix
     y = p.move
     for i in range(m):
-        value = p.g[i]
-        for k in range(i):
-            value -= a[i * m + k] * y[k]
-        y[i] = value / a[i * m + i] if a[i * m + i] != 0.0 else 0.0
-    for i in range(m - 1, -1, -1):
-        value = y[i]
-        for k in range(i + 1, m):
-            value -= a[k * m + i] * y[k]
-        y[i] = value / a[i * m + i] if a[i * m + i] != 0.0 else 0.0
+        y[i] = p.g[i]
+    for k in range(m):
+        y[k] = y[k] * a[k * m + k]
+        if y[k] != 0.0:
+            subtract(m - k - 1, y + k + 1, y[k], a + k * m + k + 1)
+    for k in range(m - 1, -1, -1):
+        y[k] -= a[k * m + k] * dot(m - k - 1, a + k * m + k + 1, y + k + 1)
     for j in range(p.link.n):
         w = p.weights[j]
         if w != 0.0:

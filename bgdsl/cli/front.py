@@ -18,7 +18,10 @@ from bgdsl.diagnostics import BgError, Diagnostic, Reporter
 def sources(paths: Iterable[Path]) -> Iterator[Path]:
     """The files named, and every `.bg` file in the folders named, in order of name."""
     for path in paths:
-        yield from (sorted(path.rglob("*.bg")) if path.is_dir() else (path,))
+        found = sorted(path.rglob("*.bg")) if path.is_dir() else [path]
+        if not found:
+            console.message(f"there is no .bg file in {path}")
+        yield from found
 
 
 @app.command()

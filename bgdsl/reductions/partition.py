@@ -19,7 +19,7 @@ from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, decide, settle
 from bgdsl.reductions.determined import gone_elements, reinstate
 from bgdsl.reductions.flat_text import FlatPart, flat_name, flat_text
-from bgdsl.reductions.rewrite_source import Provenance, term_comments
+from bgdsl.reductions.rewrite_source import LEAST_TOLD, Provenance, term_comments
 from bgdsl.reductions.source_map import UnwritableError, refuse
 
 Needs = Callable[[frozenset[int]], Dependencies]
@@ -228,6 +228,11 @@ def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, chang
     return FlatPart(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, (), changed)
 
 
+def _figure(share: float) -> float:
+    """Three digits, or one where the others would be those of the integrator's error: the document is to be compared."""
+    return float(f"{share:.3g}" if share >= LEAST_TOLD else f"{share:.0e}")
+
+
 def partition_json(scalar: ScalarGraph, report: ActivityReport, result: Partitioning, written: Sequence[Written]) -> str:
     """`partition.json`: the files with their sizes, the signals between them, the dropped terms, the signals held."""
     records = report.by_index()
@@ -259,15 +264,14 @@ def partition_json(scalar: ScalarGraph, report: ActivityReport, result: Partitio
                 if v in giver
             ],
             "terms": [
-                {"term": records[t].name, "junction": names[t], "rho": records[t].rho, "activity": records[t].activity}
-                for t in sorted(result.decision.dropped)
+                {"term": records[t].name, "junction": names[t], "rho": _figure(records[t].rho)} for t in sorted(result.decision.dropped)
             ],
             "frozen": [
                 {
                     "signal": f.signal,
                     "reader": f.reader if isinstance(f.reader, str) else records[f.reader].name,
                     "value": f.value,
-                    "change": f.change,
+                    "change": _figure(f.change),
                 }
                 for f in result.frozen
             ],

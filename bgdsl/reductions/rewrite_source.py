@@ -228,7 +228,7 @@ def term_comments(scalar: ScalarGraph, report: ActivityReport) -> dict[int, str]
     for junction in report.junctions:
         what = "effort" if junction.kind == 1 else "flow"
         for term in junction.terms:
-            comments[term.index] = f"dropped at {junction.name}: {what} of {term.name}, rho = {percent(term.rho)}"
+            comments[term.index] = f"dropped at {junction.name}: {what} of {term.name}, {told(percent(term.rho))}"
     return comments
 
 
@@ -242,15 +242,24 @@ def describing(report: ActivityReport) -> Callable[[list[tuple[str, int]]], str]
         rhos = [found[t][1].rho for _, t in instances]
         low, high = percent(min(rhos)), percent(max(rhos))
         where, name = (text.removeprefix(f"{path}.") if path else text for text in (junction.name, term.name))
-        shown = low if low == high else f"{low} to {high}"
-        return f"dropped at {where}: {'effort' if junction.kind == 1 else 'flow'} of {name}, rho = {shown}"
+        shown = low if low == high else f"{low} to {high}" if min(rhos) >= LEAST_TOLD else f"up to {high}"
+        return f"dropped at {where}: {'effort' if junction.kind == 1 else 'flow'} of {name}, {told(shown)}"
 
     return describe
 
 
+LEAST_TOLD = 1e-5
+"""A relative activity below this is told as such: its digits would be those of the integrator's error."""
+
+
 def percent(rho: float) -> str:
     """A share as people read it: three digits."""
-    return f"{100 * rho:.3g} %"
+    return f"{100 * rho:.3g} %" if rho >= LEAST_TOLD else f"below {100 * LEAST_TOLD:g} %"
+
+
+def told(share: str) -> str:
+    """What a comment says of a rho."""
+    return f"rho {share}" if share.startswith(("below", "up to")) else f"rho = {share}"
 
 
 def port_bonds(scalar: ScalarGraph) -> PortBonds:

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 PLAYBACK_POINTS = 20_000
 """A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
 
+STEPS = 4.0
+"""A driven run's steps are at most so many times as long as its drivers' were on average: what moves the driven part is no quicker
+than what it took to compute it."""
+
 SLICES = 16
 """How finely a run is cut where partitions run at the same time: each cut restarts the integrators."""
 
@@ -138,9 +142,10 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
     parts: list[Played] = []
     for entry in _entries(folder):
         model = pipeline.load(folder / entry["file"], search=search_in)
-        settings, changes, _ = _settings(model, scenario, bool(entry["outputs"]))
+        settings, changes, stop = _settings(model, scenario, bool(entry["outputs"]))
         if entry["inputs"]:
             settings["inputs"] = _inputs(entry["inputs"], parts)
+            settings.setdefault("max_step", STEPS * stop / max(part.steps for part in parts))
         run = model.compile().simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
         parts.append(_as_played(entry["file"], model, run))
     return parts
@@ -233,14 +238,17 @@ def _sliced(
     for k in range(SLICES):
         begin, end = stop * k / SLICES, stop * (k + 1) / SLICES
         if drivers:
-            heard = _extended(heard, [driver.recv() for driver in drivers], OVERLAP)
+            pieces = [driver.recv() for driver in drivers]
+            heard_steps = [piece.pop("steps") for piece in pieces]
+            heard = _extended(heard, pieces, OVERLAP)
             settings["inputs"] = heard
+            settings["max_step"] = STEPS * (end - begin) / max(heard_steps)
         run = system.simulate(
             scenario.experiment, changes, state=state, **{**settings, "start": begin, "stop": end, "window": (begin, end)}
         )
         piece = _as_played(entry["file"], model, run)
         for reader in readers:
-            reader.send({"time": piece.time, **piece.signals})
+            reader.send({"time": piece.time, "steps": piece.steps, **piece.signals})
         whole = piece if whole is None else _appended(whole, piece)
         assert run.trajectory.states is not None and interval > 0
         state = run.trajectory.states[-1]

@@ -44,8 +44,8 @@ class Options:
     """A run, settled. Times in seconds. `parameters`: all scalar parameters in order (`ir.native.parameter_names`).
 
     variables: what to record (None: the outputs). tolerance of the projection onto invariants: `drift`, relative.
-    inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing,
-    bounded in models that functions of time drive.
+    inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing
+    (not `step_given`), bounded in models that functions of time drive.
     """
 
     experiment: str
@@ -58,6 +58,7 @@ class Options:
     window: tuple[float, float]
     parameters: Mapping[str, float]
     max_step: float = math.inf
+    step_given: bool = False
     variables: tuple[str, ...] | None = None
     inputs: Path | Mapping[str, Any] | None = None
     drift: float = 1e-10
@@ -154,6 +155,7 @@ def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[
         window=window,
         parameters=parameters,
         max_step=first(settings.max_step, math.inf),
+        step_given=settings.max_step is not None,
         variables=settings.variables,
         inputs=settings.inputs,
         drift=settings.drift,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -33,8 +34,24 @@ def out(text: str) -> None:
 
 
 def out_json(document: object) -> None:
-    """A result as one JSON document."""
-    out(json.dumps(document, indent=2, ensure_ascii=False))
+    """A result as one JSON document. JSON has no infinity and nothing that is not a number: null stands for them."""
+    try:
+        text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    except ValueError:
+        text = json.dumps(_finite(document), indent=2, ensure_ascii=False)
+    out(text)
+
+
+def _finite(value: Any) -> Any:
+    match value:
+        case float() if not math.isfinite(value):
+            return None
+        case dict():
+            return {key: _finite(entry) for key, entry in value.items()}
+        case list() | tuple():
+            return [_finite(entry) for entry in value]
+        case _:
+            return value
 
 
 def message(text: str) -> None:

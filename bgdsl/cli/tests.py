@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -93,10 +92,5 @@ def _document(outcomes: Sequence[Outcome], unreadable: Sequence[Diagnostic]) -> 
 
 def _finding(d: Diagnostic, outcome: Outcome | None) -> dict[str, Any]:
     worst = outcome.worst.get(d) if outcome else None
-    point = {"worst": {key: _finite(number) for key, number in asdict(worst).items()}} if worst else {}
+    point = {"worst": asdict(worst)} if worst else {}
     return {"code": d.code.number, "message": d.message, "place": d.primary.span.place, "text": d.primary.text, **point}
-
-
-def _finite(number: float | None) -> float | None:
-    """JSON has no infinity and nothing that is not a number: null stands for them."""
-    return number if number is not None and math.isfinite(number) else None

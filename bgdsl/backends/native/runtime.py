@@ -82,6 +82,16 @@ class _Routine:
         """variable := max(variable, value), and NaN once a value is NaN."""
         self.set(variable, self.new(f"call double @llvm.maximum.f64(double {self.get(variable)}, double {value})"))
 
+    def largest_of(self, array: str, end: str) -> str:
+        """The largest size in an array, NaN if there is one: compared as integers, in whose order NaN comes last, since machines
+        find the largest of several integers at once, but not of several floats that may be NaN."""
+        most = self.variable("i64")
+        self.set(most, "0", "i64")
+        with self.loop("0", end, wide=True) as j:
+            bits = self.integer("and", self.get(self.at(array, j), "i64"), str(2**63 - 1))
+            self.set(most, self.new(f"call i64 @llvm.umax.i64(i64 {self.get(most, 'i64')}, i64 {bits})"), "i64")
+        return self.new(f"bitcast i64 {self.get(most, 'i64')} to double")
+
     @contextmanager
     def loop(self, start: str, end: str, *, wide: bool = False) -> Iterator[str]:
         """For i from `start` up to `end`, exclusive; `wide` where it is worth LLVM's time to do several at once."""
@@ -132,15 +142,12 @@ class _Routine:
 def _factor(numbers: Iterator[int]) -> str:
     r = _Routine("i32 @bg_factor(i64 %n, ptr noalias %A, ptr noalias %s)", numbers)
     rows, columns = r.at("%s", "%n"), r.at("%s", r.integer("mul", "%n", "2"))
-    most, best, where = r.variable(), r.variable(), r.variable("i64")
+    best, where = r.variable(), r.variable("i64")
     with r.loop("0", "%n") as i:
-        row = r.row("%A", i, "%n")
-        r.set(most, "0.0")
-        with r.loop("0", "%n", wide=True) as j:
-            r.largest(most, r.size(r.load(row, j)))
-        with r.when(r.test("ule", r.get(most), "0.0")):
+        most = r.largest_of(r.row("%A", i, "%n"), "%n")
+        with r.when(r.test("ule", most, "0.0")):
             r.leave("i32 1")
-        r.store(rows, i, r.float("fdiv", "1.0", r.get(most)))
+        r.store(rows, i, r.float("fdiv", "1.0", most))
     with r.loop("0", "%n") as j:
         r.store(columns, j, "0.0")
     with r.loop("0", "%n") as i:
@@ -382,6 +389,7 @@ def runtime_text() -> str:
     head = (
         "declare double @llvm.fabs.f64(double)",
         "declare double @llvm.maximum.f64(double, double)",
+        "declare i64 @llvm.umax.i64(i64, i64)",
         "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
         '!0 = !{!"llvm.loop.vectorize.enable", i1 false}',
     )

@@ -137,7 +137,7 @@ class Run(PlainRun):
     """A run: `run["vA.f"]`, `run.time`, `run.statistics`, `run.to_xarray()`, `run.save(path)`, `run.activity()`."""
 
     def __init__(self, run: PlainRun, model: pipeline.Model, scenario: Scenario):
-        super().__init__(run.trajectory, run._model, run._inputs, run.path)
+        super().__init__(run.trajectory, run._model, run._regimes, run.path)
         self._source, self._scenario = model, scenario
 
     @cached_property

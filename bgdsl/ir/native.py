@@ -78,6 +78,10 @@ class CompiledModel(Protocol):
         """A function that gives these expressions (over parameters, states, inputs, time and the steps' variables)."""
         ...
 
+    def variant(self, program: Program) -> CompiledModel:
+        """Another program, compiled by the same means."""
+        ...
+
     @property
     def residual(self) -> float:
         """The largest residual left by the iteration that failed last; NaN where that says nothing."""

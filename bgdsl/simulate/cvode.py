@@ -195,10 +195,10 @@ class CvodeStepper:
         return self.counters
 
     def roots(self, count: int) -> list[int]:
-        """The signs (+1 rising, -1 falling, 0) of the root functions at the root just returned."""
+        """The root functions that changed sign at the root just returned: k rising, ~k falling."""
         found = (ctypes.c_int * count)()
         self._library.CVodeGetRootInfo(self.memory, found)
-        return list(found)
+        return [k if sign > 0 else ~k for k, sign in enumerate(found) if sign]
 
     def recover(self, flag: int) -> None:
         """Deal with a step that could not be taken: a new pivot order if that was it; IntegrationError otherwise."""

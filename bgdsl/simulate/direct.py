@@ -258,6 +258,10 @@ class DirectModel:
         self.parameters = dict(zip(parameter_names(self.program), values.tolist(), strict=True))
         return 0
 
+    def variant(self, program: Program) -> DirectModel:
+        """Another program, evaluated the same way."""
+        return DirectModel(program)
+
     def evaluator(self, expressions: Sequence[Expr]) -> DirectKernel:
         return DirectKernel(self, expressions)
 

@@ -6,7 +6,7 @@ the time, the step is cut there, and the integration starts anew behind it. Asse
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from bgdsl.expr import ONE, if_else
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-CROWD = 1000
+CROWD = 500
 """So many events of one function ..."""
-CROWDED = 1e-6
+CROWDED = 1e-4
 """... within this share of the run are no honest events any more."""
 
 
@@ -38,7 +38,7 @@ PATIENCE = 100_000
 class Watch:
     """The event functions of a model, their last values and the crossings found."""
 
-    def __init__(self, model: CompiledModel, inputs: InputSignals, start: float, stop: float):
+    def __init__(self, model: CompiledModel, inputs: InputSignals, start: float, stop: float, crossings: list[Crossing]):
         import numpy as np
 
         program = model.program
@@ -50,7 +50,8 @@ class Watch:
         self._span = stop - start
         self._values = np.zeros(self.kernel.size)
         self._recent: list[list[float]] = [[] for _ in program.events]
-        self.crossings: list[Crossing] = []
+        self.crossings = crossings
+        self.sense: Callable[[int], bool | None] | None = None
         self._milestone = (start, 0)
 
     @property
@@ -62,8 +63,8 @@ class Watch:
         self._values = self._at(t, x)
         self._assert(t)
 
-    def find(self, stepper: LastStep) -> float | None:
-        """The earliest time in the last step at which a function changed sign, noted in `crossings`; None if there is none."""
+    def find(self, stepper: LastStep) -> tuple[float, list[int]] | None:
+        """The earliest time in the last step at which functions changed sign, and which (k rising, ~k falling); None if none did."""
         import numpy as np
 
         before, after = self._values, self._at(stepper.t, stepper.x)
@@ -75,19 +76,12 @@ class Watch:
             return None
         found = [(self._locate(stepper, int(k), before[k]), int(k)) for k in changed]
         t = min(time for time, _ in found)
-        for time, k in sorted(found):
-            if time <= t + 1e-12 * self._span:
-                self.note(t, k, bool(before[k] < 0.0))
-        return t
-
-    def cross(self, t: float, signs: Sequence[int]) -> None:
-        """Take over the crossings that the integrator itself has located at t."""
-        for k, sign in enumerate(signs[: self.count]):
-            if sign:
-                self.note(t, k, sign > 0)
+        return t, [k if before[k] < 0.0 else ~k for time, k in sorted(found) if time <= t + 1e-12 * self._span]
 
     def note(self, t: float, k: int, rising: bool) -> None:
         """Record a crossing; RunError when this function's events crowd."""
+        sense = self.sense(k) if self.sense is not None else None
+        rising = rising if sense is None else sense
         self.crossings.append(Crossing(float(t), k, rising))
         recent = self._recent[k]
         recent.append(t)

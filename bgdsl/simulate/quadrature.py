@@ -9,7 +9,7 @@ are of the quadrature alone: those of the run itself are not in them.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,7 @@ class Quadrature:
 
         signed = tuple(e.args[0] if e.op == "abs" else e for e in expressions)
         count = len(signed)
+        self._signed = signed
         self.kernel = model.evaluator(signed)
         self.window = window
         self.parts = 4
@@ -91,6 +92,10 @@ class Quadrature:
             raise IntegrationError("the integrands cannot be evaluated", t, x, status)
         ctypes.memmove(self.record.v3, self._values.ctypes.data, self._values.nbytes)
         self._absorb(ctypes.addressof(self.record), t)
+
+    def follow(self, model: CompiledModel, relax: Callable[[Iterable[Expr]], Sequence[Expr]], inputs: InputSignals) -> None:
+        """Evaluate by another model from here on, in which expressions read as `relax` says."""
+        self.kernel, self._inputs = model.evaluator(relax(self._signed)), inputs
 
     def forget(self) -> None:
         """The states were changed from outside: start a new row of nodes."""

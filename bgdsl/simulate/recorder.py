@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from bgdsl.expr import Expr
 from bgdsl.ir.native import CompiledModel
 from bgdsl.simulate.columns import Column
 from bgdsl.simulate.failures import IntegrationError
@@ -43,7 +44,8 @@ class Recorder:
     def __init__(self, model: CompiledModel, columns: Sequence[Column], sink: Sink, states: Sink | None, grid: Grid, inputs: InputSignals):
         import numpy as np
 
-        self.kernel = model.evaluator([column.value for column in columns])
+        self._values = tuple(column.value for column in columns)
+        self.kernel = model.evaluator(self._values)
         self.grid = grid
         self.next = 0
         self.fill = 0
@@ -54,6 +56,10 @@ class Recorder:
         self.times = np.empty(self.capacity)
         self.rows = np.empty((self.capacity, len(columns)))
         self.state_rows = np.empty((self.capacity, n)) if states is not None else np.empty((0, n))
+
+    def follow(self, model: CompiledModel, relax: Callable[[Iterable[Expr]], Sequence[Expr]], inputs: InputSignals) -> None:
+        """Evaluate by another model from here on, in which expressions read as `relax` says."""
+        self.kernel, self._inputs = model.evaluator(relax(self._values)), inputs
 
     def first(self, t: float, x: Floats) -> None:
         """The row at the start."""

@@ -12,9 +12,10 @@ from bgdsl.expr import ZERO
 from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.trajectory import Statistics, Trajectory
 from bgdsl.simulate.columns import Column, find_columns
-from bgdsl.simulate.inputs import InputSignals, read_columns
+from bgdsl.simulate.inputs import read_columns
 from bgdsl.simulate.options import parameter_array
 from bgdsl.simulate.recording import open_sink
+from bgdsl.simulate.sliding import Regime
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,11 +31,11 @@ class Run:
     """
 
     def __init__(
-        self, trajectory: Trajectory, model: CompiledModel | None = None, inputs: InputSignals | None = None, path: Path | None = None
+        self, trajectory: Trajectory, model: CompiledModel | None = None, regimes: tuple[Regime, ...] = (), path: Path | None = None
     ):
         self.trajectory = trajectory
         self.path = path
-        self._model, self._inputs = model, inputs
+        self._model, self._regimes = model, regimes
 
     @property
     def experiment(self) -> str:
@@ -88,14 +89,23 @@ class Run:
         trajectory, model = self.trajectory, self._model
         if all(column.name in self._recorded for column in columns):
             return np.column_stack([self._recorded[column.name] for column in columns])
-        if trajectory.states is None or model is None or self._inputs is None:
+        if trajectory.states is None or model is None or not self._regimes:
             names = ", ".join(column.name for column in columns if column.name not in self._recorded)
             raise LookupError(f"{names} was not recorded, and the states were not kept")
-        model.set_parameters(parameter_array(model.program, trajectory.parameters))
-        kernel = model.evaluator([column.value for column in columns])
+        expressions = [column.value for column in columns]
         values: Floats = np.empty((len(trajectory.time), len(columns)))
-        for t, x, row in zip(trajectory.time.tolist(), trajectory.states, values, strict=True):
-            kernel(t, x, self._inputs(t), row)
+        bounds = [
+            0,
+            *np.searchsorted(trajectory.time, [one.time for one in self._regimes[1:]], side="right").tolist(),
+            len(trajectory.time),
+        ]
+        for regime, first, last in zip(self._regimes, bounds, bounds[1:], strict=False):
+            if first < last:
+                regime.model.set_parameters(parameter_array(model.program, trajectory.parameters))
+                kernel = regime.kernel(expressions)
+            for k in range(first, last):
+                t = float(trajectory.time[k])
+                kernel(t, trajectory.states[k], regime.inputs(t), values[k])
         return values
 
     def summary(self) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ Reports      run errors (`failures.py`), with the time, the element and its line
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from bgdsl.diagnostics import Reporter, RunError
 from bgdsl.ir.native import CompiledModel
-from bgdsl.ir.trajectory import Statistics, Status, Trajectory
+from bgdsl.ir.trajectory import Crossing, Statistics, Status, Trajectory
 from bgdsl.simulate.columns import find_columns, output_columns
 from bgdsl.simulate.cvode import CvodeLoop, CvodeStepper
 from bgdsl.simulate.events import Watch
@@ -25,6 +25,7 @@ from bgdsl.simulate.failures import IntegrationError, explain, missing
 from bgdsl.simulate.initial import initial_state
 from bgdsl.simulate.inputs import InputSignals, input_signals
 from bgdsl.simulate.methods import METHODS, Method
+from bgdsl.simulate.modes import Switch
 from bgdsl.simulate.options import Options, parameter_array
 from bgdsl.simulate.projection import Invariants
 from bgdsl.simulate.quadrature import Quadrature, Quadratures
@@ -32,6 +33,7 @@ from bgdsl.simulate.recorder import Grid, Recorder
 from bgdsl.simulate.recording import MemorySink, Sink, cannot_write, open_sink
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
+from bgdsl.simulate.sliding import Discovery, Modes, Regime
 from bgdsl.simulate.stepper import Counters, LastStep, Stepper
 from bgdsl.simulate.sundials import libraries
 
@@ -65,7 +67,8 @@ def simulate(
     program = model.program
     columns = output_columns(program) if options.variables is None else find_columns(program, options.variables, report)
     inputs = input_signals([record.name for record in program.inputs], options.inputs, options.start, options.stop, report)
-    options = replace(options, max_step=min(options.max_step, inputs.spacing))  # not over a pulse that a recording holds
+    if not options.step_given:  # not over a pulse that a recording holds
+        options = replace(options, max_step=min(options.max_step, inputs.spacing))
     model.set_parameters(parameter_array(program, options.parameters))
     u0 = dict(zip((record.name for record in program.inputs), inputs(options.start).tolist(), strict=True))
     x0 = start if start is not None else initial_state(program, options.parameters, u0, options.start, report)
@@ -78,7 +81,7 @@ def simulate(
     sink: Sink = memory
     if output is not None:
         sink = recorder.sink = open_sink(output, columns, program.model, program.digest, force=force, report=report)
-    status = _carry_out(journey, x0, recorder, sink, output, lambda error: explain(model, error, inputs, options.parameters), report)
+    status = _carry_out(journey, x0, recorder, sink, output, report)
     times, values = memory.rows()
     trajectory = Trajectory(
         model=program.model,
@@ -92,11 +95,11 @@ def simulate(
         states=states.rows()[1] if keep else None,
         inputs=None,
         integrals=quadrature.result() if quadrature is not None else None,
-        crossings=tuple(journey.watch.crossings),
+        crossings=tuple(journey.crossings),
         status=status,
         digest=program.digest,
     )
-    return Run(trajectory, model, inputs, output)
+    return Run(trajectory, model, tuple(journey.regimes), output)
 
 
 def _carry_out(
@@ -105,7 +108,6 @@ def _carry_out(
     recorder: Recorder,
     sink: Sink,
     output: Path | None,
-    explained: Callable[[IntegrationError], RunError],
     report: Reporter,
 ) -> Status:
     """Travel, and leave the sink closed whatever happens: what was recorded is kept, marked partial; nothing where there is nothing."""
@@ -115,7 +117,7 @@ def _carry_out(
         recorder.flush()
         status = "complete"
     except (IntegrationError, RunError) as error:
-        failure = error if isinstance(error, RunError) else explained(error)
+        failure = error if isinstance(error, RunError) else journey.explain(error)
         raise (failure if output is None else _with_note(failure, f"the rows up to there are in {output}, marked partial")) from None
     except OSError as error:
         cannot_write(output, error, report)
@@ -136,7 +138,10 @@ def _with_note(error: RunError, note: str) -> RunError:
 
 
 class Journey:
-    """One run under way: the integrator and those who look at each of its steps."""
+    """One run under way: the integrator and those who look at each of its steps.
+
+    `model` and `inputs` are those in force: the model as compiled, or, once equations have been met that slide, the one with modes.
+    """
 
     def __init__(
         self,
@@ -148,33 +153,57 @@ class Journey:
         progress: Progress | None,
         report: Reporter,
     ):
-        self._model, self._options, self._inputs = model, options, inputs
+        self.model, self._options, self.inputs = model, options, inputs
+        self._original, self._plain = model, inputs
         self._recorder, self._quadrature, self._progress, self._report = recorder, quadrature, progress, report
-        self.watch = Watch(model, inputs, options.start, options.stop)
-        self._spent = Counters()
-        self._invariants = Invariants(model, options, inputs) if model.program.invariants else None
+        self.crossings: list[Crossing] = []
+        self.regimes = [Regime(options.start, model, inputs)]
+        self._modes: Modes | None = None
+        self._spent: list[Counters] = []
+        self._corrections: list[Invariants] = []
         self._told = 0.0
+        self._look_anew()
 
-    def travel(self, x0: Floats) -> None:
+    def _look_anew(self) -> None:
+        """Watch, project and discover by the model in force."""
+        model, options = self.model, self._options
+        self.watch = Watch(model, self.inputs, options.start, options.stop, self.crossings)
+        self.watch.sense = self._modes.rising if self._modes is not None else None
+        self._discovery = Discovery(self._original, model, self.inputs, options, self._modes.held.switches if self._modes else ())
+        if model.program.invariants:
+            self._corrections.append(Invariants(model, options, self.inputs))
+            self._recorder.adjust = self._corrections[-1].adjust
+
+    @property
+    def _invariants(self) -> Invariants | None:
+        return self._corrections[-1] if self._corrections else None
+
+    def travel(self, x: Floats) -> None:
         """From the start to the stop. IntegrationError where the integrator cannot go on."""
-        options = self._options
+        t, stop = self._options.start, self._options.stop
         if self._invariants is not None:
-            x0 = x0.copy()
-            self._invariants.begin(options.start, x0, self._report)
-            self._recorder.adjust = self._invariants.adjust
-        self._recorder.first(options.start, x0)
+            x = x.copy()
+            self._invariants.begin(t, x, self._report)
         if not self.watch.idle:
-            self.watch.begin(options.start, x0)
-        if not len(x0):
+            if len(x):
+                x = self._hold(t, x, self._discovery.all())
+                x = self._behind(t, x, [])
+            self.watch.begin(t, x)
+        self._recorder.first(t, x)
+        if not len(x):
             self._without_states()
             return
-        method = METHODS[options.method]
-        if method.engine == "cvode":
-            self._with_cvode(method, x0)
-            return
-        stepper = make_stepper(self._model, options, self._inputs, options.start, x0)
-        self._spent = stepper.counters
-        while stepper.t < options.stop:
+        method = METHODS[self._options.method]
+        go = self._with_cvode if method.engine == "cvode" else self._with_steps
+        while t < stop:
+            t, x = go(method, t, x)
+
+    def _with_steps(self, method: Method, t: float, x: Floats) -> tuple[float, Floats]:
+        """One step after another, to the stop or to where another model takes over."""
+        model, stop = self.model, self._options.stop
+        stepper = make_stepper(model, self._options, self.inputs, t, x)
+        self._spent.append(stepper.counters)
+        while stepper.t < stop and self.model is model:
             stepper.step()
             if self._invariants is not None:
                 x = stepper.x.copy()
@@ -183,32 +212,29 @@ class Journey:
             self._look(stepper)
             self.watch.pace(stepper.t, stepper.x, stepper.counters.steps)
             self._tell(stepper.t)
+        return stepper.t, stepper.x
 
-    def _with_cvode(self, method: Method, x0: Floats) -> None:
-        """CVODE's own loop; Python is told of events only."""
-        options, watch = self._options, self.watch
-        events = None if watch.idle else watch.kernel
+    def _with_cvode(self, method: Method, t: float, x: Floats) -> tuple[float, Floats]:
+        """CVODE's own loop, to the stop or to where another model takes over; Python is told of events only."""
+        model, options = self.model, self._options
         try:
             libraries()
         except OSError as error:
             missing(f"the method `{method.name}` needs SUNDIALS: {error}", self._report)
-        stepper = CvodeStepper(self._model, method, options, self._inputs, options.start, x0, events)
-        self._spent = stepper.counters
+        stepper = CvodeStepper(model, method, options, self.inputs, t, x, None if self.watch.idle else self.watch.kernel)
+        self._spent.append(stepper.counters)
         try:
             loop = CvodeLoop(stepper, options, self._recorder, self._quadrature, self._invariants)
-            while (what := loop.go()) != "done":
+            while self.model is model and (what := loop.go()) != "done":
                 if what == "root":
-                    x = stepper.x.copy()
-                    watch.cross(stepper.t, stepper.roots(watch.kernel.size))
-                    stepper.restart(stepper.t, x)
-                    watch.begin(stepper.t, x)
-                    if self._quadrature is not None:
-                        self._quadrature.forget()
-                watch.pace(stepper.t, stepper.x, stepper.counters.steps)
+                    stepper.restart(stepper.t, self._event(stepper.t, stepper.x.copy(), stepper.roots(self.watch.kernel.size)))
+                self.watch.pace(stepper.t, stepper.x, stepper.counters.steps)
                 self._tell(stepper.t)
         finally:
             stepper.finish()
+            t, x = stepper.t, stepper.x.copy()
             stepper.close()
+        return t, x
 
     def _look(self, stepper: Stepper) -> None:
         """What an accepted step is looked at for: events first, since they cut it."""
@@ -218,12 +244,48 @@ class Journey:
         if event is None:
             self._observe(stepper)
             return
-        x = np.ascontiguousarray(stepper.dense(np.array([event]))[0])
-        self._observe(Piece(stepper.t_old, event, x, stepper.dense))
+        t, changed = event
+        x = np.ascontiguousarray(stepper.dense(np.array([t]))[0])
+        self._observe(Piece(stepper.t_old, t, x, stepper.dense))
+        stepper.restart(t, self._event(t, x, changed))
+
+    def _event(self, t: float, x: Floats, changed: Sequence[int]) -> Floats:
+        """Take note of event functions that changed sign (k rising, ~k falling). The states to go on from."""
+        if self._modes is not None:
+            self._modes.look(t, x)
+        events = [k if k >= 0 else ~k for k in changed]
+        for k, signed in zip(events, changed, strict=True):
+            if k < self.watch.count:
+                self.watch.note(t, k, signed >= 0)
+        x = self._behind(t, x, events)
+        self.watch.begin(t, x)
         if self._quadrature is not None:
             self._quadrature.forget()
-        stepper.restart(event, x)
-        self.watch.begin(event, x)
+        return x
+
+    def _behind(self, t: float, x: Floats, events: Sequence[int]) -> Floats:
+        """Choose how the equations go on from an event, in another model if need be. The states to go on from."""
+        if self._modes is not None:
+            x = self._modes.change(t, x, events)
+        x = self._hold(t, x, self._discovery.find(t, x))
+        if self._modes is not None:
+            if self.regimes[-1].time == t == self._options.start:
+                self.regimes.pop()
+            self.regimes.append(Regime(t, self.model, self.inputs, self._modes.held, self._modes.settings))
+        return x
+
+    def _hold(self, t: float, x: Floats, switches: tuple[Switch, ...]) -> Floats:
+        """Go on with the model in which these switches are modes. The states to go on from."""
+        if not switches:
+            return x
+        self._modes = modes = Modes(self._original, switches, self._plain, self._options)
+        x = modes.begin(t, x)
+        self.model, self.inputs = modes.model, modes.inputs
+        self._recorder.follow(modes.model, modes.held.relax, modes.inputs)
+        if self._quadrature is not None:
+            self._quadrature.follow(modes.model, modes.held.relax, modes.inputs)
+        self._look_anew()
+        return x
 
     def _observe(self, stepper: LastStep) -> None:
         self._recorder.take(stepper)
@@ -241,19 +303,24 @@ class Journey:
             self._told = clock.perf_counter()
             self._progress((t - self._options.start) / (self._options.stop - self._options.start))
 
+    def explain(self, error: IntegrationError) -> RunError:
+        """What went wrong, in the terms of the model in force."""
+        return explain(self.model, error, self.inputs, self._options.parameters)
+
     def statistics(self) -> Statistics:
-        method = self._options.method
-        spent = self._spent
+        def total(name: str) -> int:
+            return sum(getattr(counters, name) for counters in self._spent)
+
         return Statistics(
-            method=method,
-            steps=spent.steps,
-            rejected=spent.rejected,
-            rhs_calls=spent.rhs,
-            jacobian_calls=spent.jacobian,
-            factorisations=spent.factorisations,
-            events=len(self.watch.crossings),
-            projections=self._invariants.moves if self._invariants else 0,
-            drift=self._invariants.drift if self._invariants else 0.0,
+            method=self._options.method,
+            steps=total("steps"),
+            rejected=total("rejected"),
+            rhs_calls=total("rhs"),
+            jacobian_calls=total("jacobian"),
+            factorisations=total("factorisations"),
+            events=len(self.crossings),
+            projections=sum(one.moves for one in self._corrections),
+            drift=max((one.drift for one in self._corrections), default=0.0),
         )
 
 

@@ -134,6 +134,10 @@ class NativeModel:
         self._evaluators: dict[tuple[Expr, ...], NativeKernel] = {}
         self._values: list[float] = parameter_values(program)
 
+    def variant(self, program: Program) -> NativeModel:
+        """Another program as machine code."""
+        return build(program)
+
     @property
     def context(self) -> int:
         return ctypes.addressof(self._context)

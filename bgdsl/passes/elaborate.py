@@ -28,6 +28,7 @@ from bgdsl.passes.evaluation import (
 from bgdsl.passes.functions import BUILT_INS, wrong
 from bgdsl.passes.inline import inline
 from bgdsl.passes.parts import (
+    LARGEST_ARRAY,
     UNKNOWN_NAME,
     Context,
     Fault,
@@ -111,6 +112,8 @@ def range_numbers(node: ast.Range, context: Context) -> list[float]:
     step = 1.0 if node.step is None else evaluate_now(node.step, context)
     if step == 0:
         raise Fault(INDEX, "the step of a range cannot be zero", node.span, "")
+    if not abs((stop - start) / step) < LARGEST_ARRAY:
+        raise Fault(INDEX, f"a range from {start:g} to {stop:g} by {step:g} is too long", node.span, f"at most {LARGEST_ARRAY} numbers")
     count = max(0, int((stop - start) / step + 1e-9) + 1) if (stop - start) / step >= 0 else 0
     return [start + i * step for i in range(count)]
 

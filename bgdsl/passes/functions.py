@@ -17,7 +17,7 @@ import numpy as np
 from bgdsl.diagnostics import Code
 from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, topological, unary, var
 from bgdsl.ir.graph import Origin, SignalEquation
-from bgdsl.passes.parts import Build, Context, Fault, Value, array_of, entries, leaves_of, shape_of, shown_shape
+from bgdsl.passes.parts import LARGEST_ARRAY, Build, Context, Fault, Value, array_of, entries, leaves_of, shape_of, shown_shape
 from bgdsl.passes.values import diagonal, elementwise, full, identity, kind_of, matmul
 from bgdsl.source import Span
 
@@ -139,11 +139,21 @@ def _size(args: Arguments, span: Span, context: Context) -> Value:
 
 
 def _filled(value: Expr) -> Function:
-    return lambda args, span, context: full(tuple(_integer(arg, span, context) for arg in args), value)
+    return lambda args, span, context: full(_extents(args, span, context), value)
+
+
+def _extents(args: Arguments, span: Span, context: Context) -> tuple[int, ...]:
+    """The sizes of an array to be made."""
+    sizes = tuple(_integer(arg, span, context) for arg in args)
+    if min(sizes) < 0:
+        raise wrong(f"an array cannot have {min(sizes)} entries", span)
+    if math.prod(sizes) > LARGEST_ARRAY:
+        raise wrong(f"an array of {math.prod(sizes)} entries is too large", span, f"at most {LARGEST_ARRAY}")
+    return sizes
 
 
 def _fill(args: Arguments, span: Span, context: Context) -> Value:
-    return full(tuple(_integer(arg, span, context) for arg in args[1:]), args[0])
+    return full(_extents(args[1:], span, context), args[0])
 
 
 def _linspace(args: Arguments, span: Span, context: Context) -> Value:

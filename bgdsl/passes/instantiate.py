@@ -26,6 +26,7 @@ from bgdsl.passes.elaborate import evaluate_integer, evaluate_now
 from bgdsl.passes.modifications import Modification
 from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Resolved, describe, head
 from bgdsl.passes.parts import (
+    LARGEST_ARRAY,
     UNKNOWN_TARGET,
     Absent,
     ArrayPart,
@@ -192,6 +193,8 @@ def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
     size = evaluate_integer(dim, author)
     if size < 0:
         raise Fault(SIZE, f"`{member.name}` cannot have {size} elements", dim.span, "negative")
+    if size > LARGEST_ARRAY:
+        raise Fault(SIZE, f"`{member.name}` cannot have {size} elements", dim.span, f"more than {LARGEST_ARRAY}")
     return size
 
 

@@ -427,6 +427,10 @@ def leaves_of(make: Any, name: str, shape: tuple[int, ...]) -> Value:
     return array_of([make(scalar) for scalar in scalar_names(name, shape)], shape)
 
 
+LARGEST_ARRAY = 10_000_000
+"""Arrays with more entries are refused rather than tried."""
+
+
 def array_of(items: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
     """An object array of that shape (one dimension at least) from its entries, row-major."""
     assert shape

@@ -174,7 +174,7 @@ def _differentiated(
         system,
         unknowns=(*system.unknowns, *(derivative_name(v) for v in names if derivative_name(v) not in present)),
         equations=(*(e for i, e in enumerate(system.equations) if i not in gone), *derived),
-        invariants=tuple(system.equations[i] for i in cone if i in gone),
+        invariants=tuple(system.equations[i] for i in sorted(gone)),
     )
 
 

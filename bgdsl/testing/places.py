@@ -18,13 +18,14 @@ def moved(found: Iterable[Diagnostic], span: Span) -> tuple[Diagnostic, ...]:
 
 
 def _moved(d: Diagnostic, span: Span) -> Diagnostic:
-    d = replace(d, message=d.message.replace(HEIR + "`", "`"))
-    if d.primary.span.source.path is None:
-        return replace(d, primary=Label(span, d.primary.text))
-    if d.primary.span.source is span.source and span.start <= d.primary.span.start <= d.primary.span.end <= span.end:
+    primary = Label(d.primary.span, d.primary.text.replace(HEIR, "`"))
+    d = replace(d, message=d.message.replace(HEIR, "`"), primary=primary)
+    if primary.span.source.path is None:
+        return replace(d, primary=Label(span, primary.text))
+    if primary.span.source is span.source and span.start <= primary.span.start <= primary.span.end <= span.end:
         return d
     return replace(d, others=(*d.others, Label(span, "needed here")))
 
 
-HEIR = " in test"
-"""How `pipeline.instantiate_modified` ends the name of a model with a test's modifications."""
+HEIR = " in test`"
+"""How `pipeline.instantiate_modified` ends the name of a model with a test's modifications, and a quote."""

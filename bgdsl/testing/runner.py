@@ -137,12 +137,16 @@ class _UnderWay:
             return self._record(statement, statement.file)
         options: dict[str, Any] = {}
         for name, value in statement.options:
-            given = value.value if isinstance(value, ast.String) else self.evaluation.number(value)
-            options["stop" if name == "for" else name] = given
+            options["stop" if name == "for" else name] = self._text(value) if name == "method" else self.evaluation.number(value)
         if "tolerance" in options:
             options["tolerance"] = step_tolerance(options["tolerance"])
         model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
         return model.compile().simulate(experiment=statement.experiment, **options)
+
+    def _text(self, value: ast.Expression) -> str:
+        if not isinstance(value, ast.String):
+            Reporter().fail(CANNOT, 'a method is named in quotes, such as `method "rk45"`', value.span)
+        return value.value
 
     def _record(self, statement: ast.RunStatement, file: str) -> Recorded:
         record = pipeline.reference(self.folder / file, statement.span, Reporter())

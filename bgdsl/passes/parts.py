@@ -6,6 +6,7 @@ A part is made when it is first asked for, so declarations may stand in any orde
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -344,7 +345,7 @@ class Build:
         try:
             return evaluate(root, values, tables=self.tables)
         except (ArithmeticError, ValueError) as problem:
-            raise Fault(STRUCTURAL, f"this cannot be evaluated: {problem}", span, "has no value") from None
+            raise Fault(STRUCTURAL, f"this cannot be evaluated: {_why(problem)}", span, "has no value") from None
 
     def _entry(self, name: str) -> float:
         """The number that a scalar parameter is; what it depends on is evaluated first, with an explicit stack."""
@@ -376,7 +377,9 @@ class Build:
             try:
                 self.numbers[top] = evaluate(root, self.numbers, tables=self.tables)
             except (ArithmeticError, ValueError) as problem:
-                raise Fault(NO_VALUE, f"parameter `{top}` has no value: {problem}", part.origin.span, "evaluated here") from None
+                raise Fault(NO_VALUE, f"parameter `{top}` has no value: {_why(problem)}", part.origin.span, "evaluated here") from None
+            if not math.isfinite(self.numbers[top]):
+                raise Fault(NO_VALUE, f"parameter `{top}` has no finite value: {self.numbers[top]:g}", part.origin.span, "evaluated here")
         return self.numbers[name]
 
     def _mark(self, name: str) -> None:
@@ -464,3 +467,16 @@ def shown_shape(shape: tuple[int, ...]) -> str:
             return f"a vector of {n}"
         case _:
             return f"an array of {' x '.join(map(str, shape))}"
+
+
+def _why(problem: Exception) -> str:
+    """What stopped an evaluation, in the user's words."""
+    match problem:
+        case ZeroDivisionError():
+            return "it divides by zero"
+        case OverflowError():
+            return "it grows beyond what a number holds"
+        case ValueError() if str(problem).startswith("math"):
+            return "a root, a logarithm or an arc function is asked for a value that it does not have"
+        case _:
+            return str(problem)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from bgdsl.cli import console
 from bgdsl.diagnostics import BgError
@@ -16,8 +17,31 @@ from bgdsl.version import VERSION
 # typer carries its own click in newer releases and the package in older ones: the base of its errors is found through it
 UsageProblem: type[typer.BadParameter] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
+PANELS = {
+    "Sources": ("check", "explain", "fmt", "show", "lsp"),
+    "Runs": ("compile", "simulate", "test"),
+    "Reductions": ("activity", "condition", "partition", "compare", "verify", "tune"),
+}
+"""The commands as `bgc --help` groups them."""
+
+
+class Grouped(TyperGroup):
+    """Commands in the order in which one meets them, each on its panel."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        ordered = [name for names in PANELS.values() for name in names]
+        return sorted(self.commands, key=lambda name: ordered.index(name) if name in ordered else len(ordered))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        command = super().get_command(ctx, cmd_name)
+        if command is not None:
+            command.rich_help_panel = next((panel for panel, names in PANELS.items() if cmd_name in names), None)  # type: ignore[attr-defined]
+        return command
+
+
 app = typer.Typer(
     name="bgc",
+    cls=Grouped,
     help="Compile, run, test and reduce bond-graph models written in the .bg language.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

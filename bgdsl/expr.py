@@ -405,6 +405,11 @@ def topological(roots: Iterable[Expr], done: Container[Expr] = ()) -> Iterator[E
     """
     seen: set[Expr] = set()
     for root in roots:
+        if not root.args:  # a leaf, as very many roots are
+            if root not in seen and root not in done:
+                seen.add(root)
+                yield root
+            continue
         stack = [root]
         while stack:
             node = stack[-1]

@@ -9,7 +9,7 @@ Reports      nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 from bgdsl.expr import Expr, leaves
 from bgdsl.ir.graph import Element, SignalEquation
@@ -153,6 +153,3 @@ class _Reader:
             else:
                 nodes |= self.element_nodes.get(one.rpartition(".")[0], set())
         return tuple(sorted(nodes))
-
-
-Weight = Callable[[Edge], float]

@@ -56,11 +56,11 @@ class _Run:
 
 
 def make_experiments(root: Instance) -> tuple[Experiment, ...]:
-    """The experiments of the model, bases before what builds on them is not required."""
+    """The experiments of the model in the order written; a base need not stand before what builds on it."""
     made: list[Experiment] = []
-    for name, (node, scope) in root.cls.experiments.items():
+    for name, (node, _) in root.cls.experiments.items():
         try:
-            made.append(_make(name, node, root.context(scope), root))
+            made.append(_make(name, node, root))
         except Fault as fault:
             root.build.fault(fault)
         except Reported:
@@ -68,7 +68,7 @@ def make_experiments(root: Instance) -> tuple[Experiment, ...]:
     return tuple(made)
 
 
-def _make(name: str, node: ast.Experiment, context: Context, root: Instance) -> Experiment:
+def _make(name: str, node: ast.Experiment, root: Instance) -> Experiment:
     run = _Run()
     for step in reversed(_chain(node, root)):
         _read(step, root.context(root.cls.experiments[step.name][1]), run, root)

@@ -52,13 +52,6 @@ class OutputComparison:
     nrms: float
     peak: float
 
-    @property
-    def amplitude_error(self) -> float:
-        """The largest relative error of an amplitude among the harmonics that are at least a tenth of the largest."""
-        most = max((full.amplitude for full, _ in self.harmonics), default=0.0)
-        errors = [abs(r.amplitude - f.amplitude) / f.amplitude for f, r in self.harmonics if f.amplitude >= 0.1 * most > 0.0]
-        return max(errors, default=0.0)
-
     def as_dictionary(self) -> dict[str, Any]:
         return {
             "output": self.name,

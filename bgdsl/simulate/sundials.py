@@ -16,10 +16,8 @@ from typing import Any
 POINTER = ctypes.c_void_p
 REAL = ctypes.c_double
 INT = ctypes.c_int
-LONG = ctypes.c_long
 
 ADAMS, BDF = 1, 2
-NORMAL, ONE_STEP = 1, 2
 FLAGS = {
     -1: "too many steps within one step of the run",
     -2: "more accuracy is asked for than double precision gives",

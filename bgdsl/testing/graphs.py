@@ -117,12 +117,6 @@ class GraphBuilder:
         rows = tuple(tuple(scale[i] if i == j else ZERO for j in range(port.width)) for i in range(port.width))
         return self._element(Element(name, "R", (port,), origin, laws, None, (letter, rows)))
 
-    def nonlinear(self, name: str, kind: str, left: Expr, right: Expr) -> str:
-        """A scalar I, C or R with the law left = right in its own variables (`var(f"{name}.e")`, ...)."""
-        origin = self.origin(f"{kind} {name}(...);")
-        states = {"I": (f"{name}.p",), "C": (f"{name}.q",)}.get(kind, ())
-        return self._element(Element(name, kind, (Port("", None, inward=True),), origin, (Law(left, right, origin),), states=states))
-
     def two_port(self, name: str, kind: str, modulus: Expr | float | Modulus) -> str:
         """TF, MTF, GY or MGY; a number or expression is a scalar one, rows make a matrix one."""
         letter = "m" if "TF" in kind else "r"

@@ -20,6 +20,7 @@ import pytest
 
 from bgdsl import pipeline
 from bgdsl.cli.app import run
+from bgdsl.testing.runner import run_file
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -33,7 +34,8 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as in an interpreter that is started there
     names: dict[str, object] = {}
-    for i, match in enumerate(BLOCK.finditer(page.read_text("utf-8"))):
+    text_of_page = page.read_text("utf-8")
+    for i, match in enumerate(BLOCK.finditer(text_of_page)):
         language, text = match[1], match[2]
         if language == "bg":
             named = re.match(r"// file: (\S+)\n", text)
@@ -43,6 +45,8 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
             wanted = re.match(r"(?:// file: .*\n)?// error: (BG\d+)\n", text)
             found = {d.code.number: d.message for d in pipeline.check_file(file) if d.severity == "error"}
             assert set(found) == ({wanted[1]} if wanted else set()), found
+            if "$ bgc test" not in text_of_page and not wanted:  # a page that shows how tests fail runs them itself
+                assert [outcome.name for outcome in run_file(file) if not outcome.passed] == []
         elif language == "python":
             importlib.invalidate_caches()  # a command may have written a module just now
             exec(compile(text, f"{page.name} block {i}", "exec"), names)

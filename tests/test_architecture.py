@@ -30,3 +30,8 @@ def test_a_pass_states_its_contract(name: str) -> None:
     text = ast.get_docstring(ast.parse((ROOT / "bgdsl" / "passes" / f"{name}.py").read_text("utf-8"))) or ""
     heads = [line.split()[0] for line in text.splitlines() if re.match(r"(Input|Output|Establishes|Reports) ", line)]
     assert heads == ["Input", "Output", "Establishes", "Reports"]
+
+
+def test_no_two_test_files_have_one_name() -> None:
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert len(names) == len(set(names)), "pytest collects files of one name only once"

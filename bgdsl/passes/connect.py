@@ -110,6 +110,8 @@ def _common_size(a: int | None, b: int | None, tail: ast.Reference, head: ast.Re
     def shown(size: int | None) -> str:
         return "scalar" if size is None else f"a vector of {size}"
 
+    if {a, b} == {None, 1}:
+        return None  # a scalar meets the only component of a vector: as if that component had been written
     if a != b:
         raise Fault(
             SIZES,

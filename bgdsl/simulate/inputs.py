@@ -68,6 +68,8 @@ def input_signals(
 ) -> InputSignals:
     """The signals of the inputs `names` from a file or from arrays by name (`time` among them)."""
     if not names:
+        if isinstance(source, Path | str) and not Path(source).exists():
+            report.fail(BAD_RECORD, f"there is no file {source}", _place(str(source)), notes=("the model has no inputs, and needs none",))
         return no_inputs()
     if source is None:
         where = _place("inputs")

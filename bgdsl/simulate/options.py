@@ -175,7 +175,7 @@ def _check(options: Options, report: Reporter) -> None:
         bad("interval", options.interval, "it must be a positive time")
     elif (options.stop - options.start) / options.interval > 1e9:
         bad("interval", options.interval, "it would make more than 1e9 rows")
-    for name in ("rtol", "atol"):
+    for name in ("rtol",) if options.rtol == options.atol else ("rtol", "atol"):
         value = getattr(options, name)
         if not 0.0 < value < 1.0:
             bad("tolerance" if options.rtol == options.atol else name, value, "it must lie between 0 and 1")

@@ -212,3 +212,9 @@ def test_a_short_pulse_of_an_input_is_not_stepped_over(method: str) -> None:
     time = np.linspace(0, 10, 1001)
     found = run(driven, stop=10.0, method=method, inputs={"time": time, "u": np.where(abs(time - 5.0) < 0.015, 1.0, 0.0)})
     assert found["x"][500:520].max() == pytest.approx(0.03, rel=0.05)
+
+
+def test_a_file_of_inputs_that_is_not_there_is_told_of_even_where_none_is_needed() -> None:
+    with pytest.raises(BgError) as caught:
+        run(van_der_pol(), inputs=Path("nowhere.csv"))
+    assert code(caught) == "BG616"

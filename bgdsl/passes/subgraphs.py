@@ -19,8 +19,10 @@ from bgdsl.passes.blocks import strong_components
 
 
 def partitions(scalar: ScalarGraph, needs: Dependencies, ignored: Collection[Edge] = ()) -> Partitions:
-    """The partitions of a model whose dependencies are `needs`, edges in `ignored` left out."""
-    gone = set(ignored)
+    """The partitions of a model whose dependencies are `needs`, edges in `ignored` left out where they close a loop. What nothing
+    depends on, an output say, closes none: it goes with what it reads."""
+    whole = ordered_components(needs.size, [(edge.source, edge.reader) for edge in needs.edges]) if ignored else ()
+    gone = {edge for edge in ignored if whole[edge.source] == whole[edge.reader]}
     edges = [edge for edge in needs.edges if edge not in gone]
     component = ordered_components(needs.size, [(edge.source, edge.reader) for edge in edges])
     number = _numbered(needs, edges, component)

@@ -241,8 +241,8 @@ def _report_singular(block: Block, report: Reporter) -> None:
         SINGULAR_LOOP,
         f"the loop through {listed(block.torn)} has no unique solution",
         first.origin.span,
-        f"the loop closes at `{first.element}`",
-        others=[(span, f"through `{element}`") for span, element in others.items()][:6],
+        f"the loop closes at `{first.element}`" if first.element else "the loop closes here",
+        others=[(span, f"through `{element}`" if element else "through this") for span, element in others.items()][:6],
         notes=["with the parameters' default values its equations repeat or contradict each other"],
         helps=["remove one of the parts that say the same, or put an R, C or I between them"],
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -291,6 +292,9 @@ def _evaluated(formulas: Mapping[str, Expr | float], owner: Mapping[str, Paramet
                 continue
             if formula.op == "param" and formula.data in values:
                 values[name] = values[formula.data]
+                continue
+            with suppress(KeyError):  # nearly always all that it reads is known by now
+                values[name] = _value(name, formula, values, owner, report)
                 continue
             missing = [leaf.data for leaf in leaves((formula,), "param") if leaf.data not in values]
             if missing and name in open_:

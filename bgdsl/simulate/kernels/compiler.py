@@ -29,6 +29,7 @@ class Module:
     functions: dict[str, Callable[..., Any]] = field(default_factory=dict)
     _engine: Any = None
     _addresses: dict[str, int] = field(default_factory=dict)
+    _callables: dict[str, Any] = field(default_factory=dict)
 
     def kernel(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Mark a function as a kernel."""
@@ -46,6 +47,11 @@ class Module:
 
     def function(self, name: str) -> Any:
         """A kernel as a ctypes function; pointers are passed as integers."""
+        if name not in self._callables:
+            self._callables[name] = self._callable(name)
+        return self._callables[name]
+
+    def _callable(self, name: str) -> Any:
         tree = definition(self.functions[name])
         types: list[Any] = [SCALARS.get(annotation(arg.annotation), ctypes.c_void_p) for arg in tree.args.args]
         result = {"none": None, "real": ctypes.c_double, "int": ctypes.c_int32}[returns_of(tree)]

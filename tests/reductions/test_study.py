@@ -1,0 +1,120 @@
+"""The reduced models that are committed are those that the commands write, and say what the study says of them."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from bgdsl.accuracy import compare
+from bgdsl.playback import play
+from bgdsl.reduce import Measured, Partitioned, Scenario, condition, partition
+
+ROOT = Path(__file__).parent.parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import reduction_study as study  # noqa: E402
+
+REDUCED = ROOT / "models" / "reduced"
+
+
+def assert_written(found: Partitioned, folder: Path) -> None:
+    """Same files, same bytes."""
+    assert {written.file: written.text for written in found.files} == {path.name: path.read_text("utf-8") for path in folder.glob("*.bg")}
+    assert json.loads(found.document) == json.loads((folder / "partition.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def small() -> dict[study.Small, Measured]:
+    return {one: study.measured(one.file, one.model, one.experiment) for one in study.SMALL}
+
+
+def test_small_structures_are_written_as_committed(small: dict[study.Small, Measured]) -> None:
+    for one, found in small.items():
+        name = f"{one.file.removesuffix('.bg')}_{one.experiment}"
+        reduced, apart = condition(found, one.threshold, folder=REDUCED), study.small_partitions(found, one)
+        if reduced.decision.dropped:
+            assert reduced.source == (REDUCED / f"{name}.bg").read_text("utf-8")
+        else:
+            assert reduced.source == found.model.source
+        if apart.files:
+            assert_written(apart, REDUCED / name)
+        else:
+            assert not (REDUCED / name).exists()
+
+
+def roles(found: Measured, threshold: float) -> list[tuple[str, set[str]]]:
+    return [(p.role, set(p.states)) for p in partition(found, threshold).found.partitions.partitions]
+
+
+def of(small: dict[study.Small, Measured], file: str, experiment: str) -> Measured:
+    return next(found for one, found in small.items() if (one.file, one.experiment) == (file, experiment))
+
+
+def test_a_balanced_car_falls_into_two_that_share_nothing(small: dict[study.Small, Measured]) -> None:
+    found = of(small, "half_car.bg", "bump")
+    assert [term.activity for junction in found.report.junctions for term in junction.terms if term.name == "arm"] == [0.0, 0.0]
+    assert roles(found, 0.003) == [("driving", {"inertia.p", "pitch_spring.q", "theta"}), ("driving", {"mass.p", "spring.q", "z"})]
+
+
+def test_a_car_out_of_balance_is_one(small: dict[study.Small, Measured]) -> None:
+    apart = partition(of(small, "half_car.bg", "soft_rear"), 0.003).found
+    assert len(apart.partitions.partitions) == 1
+    assert [(miss.junction, miss.name) for miss in apart.misses] == [("pitch", "arm")]
+    assert apart.misses[0].rho == pytest.approx(0.193, abs=0.001)
+
+
+def test_the_alternator_is_driven_and_the_fan_too(small: dict[study.Small, Measured]) -> None:
+    belt = roles(of(small, "drive_line.bg", "pull"), 0.01)
+    assert [role for role, _ in belt] == ["driving", "driven"]
+    assert belt[1][1] == {"belt_spring.q", "rotor.p"}
+    fan = roles(of(small, "dc_motor.bg", "run_up"), 0.003)
+    assert fan == [("driving", {"inductance.p", "inertia.p"}), ("driven", {"spring.q", "fan_inertia.p"})]
+
+
+def test_a_heavy_load_is_felt(small: dict[study.Small, Measured]) -> None:
+    assert len(roles(of(small, "dc_motor.bg", "heavy"), 0.003)) == 1
+
+
+def test_the_supply_drives_the_servo(small: dict[study.Small, Measured]) -> None:
+    supply, servo = roles(of(small, "hydraulic_servo.bg", "follow"), 0.02)
+    assert supply == ("driving", {"accumulator.q"})
+    assert servo[0] == "driven"
+
+
+@pytest.mark.parametrize(
+    ("file", "experiment", "outputs", "shaft", "allowed"),
+    [
+        ("half_car", "bump", None, None, 1e-6),
+        ("drive_line", "pull", ["car_speed", "shaft_torque", "belt_torque", "engine_speed"], "crank_angle", 0.02),
+        ("dc_motor", "run_up", None, None, 0.005),
+        ("hydraulic_servo", "follow", ["position", "pressure"], None, 0.01),
+    ],
+)
+def test_partitions_do_what_the_whole_does(
+    file: str, experiment: str, outputs: list[str] | None, shaft: str | None, allowed: float
+) -> None:
+    model = next(one.model for one in study.SMALL if one.file == f"{file}.bg")
+    whole = play(ROOT / "models" / f"{file}.bg", Scenario(experiment), model=model)
+    parts = play(REDUCED / f"{file}_{experiment}", Scenario(experiment))
+    wanted = [*(outputs or whole.signals), *([shaft] if shaft else [])]
+    comparison = compare(whole, parts, outputs=wanted, shaft=shaft)
+    assert {output.name for output in comparison.outputs} == set(wanted) - {shaft}
+    assert comparison.worst <= allowed
+
+
+def test_the_balanced_engine_is_written_as_committed() -> None:
+    """The paper's partitions: crank spin, rods in their plane and piston strokes drive; block, crank and pistons across are driven."""
+    found = study.engine_partitions(study.measured("engine.bg", "Engine", "balanced_settled"))
+    assert_written(found, REDUCED / "engine_balanced")
+    driving, driven, *_ = found.found.partitions.partitions
+    assert len(driving.states) == 57 + 6
+    kinds = {"crank.inertia.p[1]", "crank.angle[1]", "theta"} | {
+        f"cyl[{i}].{state}"
+        for i in range(1, 7)
+        for state in (
+            *("rod.mass.p[2]", "rod.mass.p[3]", "rod.inertia.p[1]", "rod.angle[1]", "piston.mass.p[3]"),
+            *("crank_pin.spring.q[2]", "crank_pin.spring.q[3]", "wrist_pin.spring.q[2]", "wrist_pin.spring.q[3]"),
+        )
+    }
+    assert set(driving.states) == kinds | {f"bore[{i}].d" for i in range(1, 7)}
+    assert {f"block.mass.p[{k}]" for k in (1, 2, 3)} <= set(driven.states)

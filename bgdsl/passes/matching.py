@@ -12,7 +12,7 @@ equation, few phases are needed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 Rows = Sequence[Sequence[int]]
@@ -97,17 +97,7 @@ def _flip(rows: Rows, path: list[tuple[int, int]], column: int, column_of: list[
 
 def overdetermined(rows: Rows, matching: Matching) -> tuple[int, ...]:
     """The rows on alternating paths from unmatched rows: together more rows than columns (Dulmage and Mendelsohn)."""
-    reached = bytearray(len(rows))
-    stack = list(matching.unmatched_rows)
-    for i in stack:
-        reached[i] = 1
-    while stack:
-        for j in rows[stack.pop()]:
-            i = matching.row_of[j]
-            if i != FREE and not reached[i]:
-                reached[i] = 1
-                stack.append(i)
-    return tuple(i for i in range(len(rows)) if reached[i])
+    return _reached(rows, matching.row_of, matching.unmatched_rows)
 
 
 def underdetermined(rows: Rows, matching: Matching) -> tuple[int, ...]:
@@ -116,14 +106,19 @@ def underdetermined(rows: Rows, matching: Matching) -> tuple[int, ...]:
     for i, reads in enumerate(rows):
         for j in reads:
             readers[j].append(i)
-    reached = bytearray(len(readers))
-    stack = list(matching.unmatched_columns)
-    for j in stack:
-        reached[j] = 1
+    return _reached(readers, matching.column_of, matching.unmatched_columns)
+
+
+def _reached(neighbours: Rows, partner: Sequence[int], starts: Iterable[int]) -> tuple[int, ...]:
+    """What is reached from the starts by going to a neighbour and from there to its partner in the matching, again and again."""
+    stack = list(starts)
+    reached = bytearray(len(neighbours))
+    for i in stack:
+        reached[i] = 1
     while stack:
-        for i in readers[stack.pop()]:
-            j = matching.column_of[i]
-            if j != FREE and not reached[j]:
-                reached[j] = 1
-                stack.append(j)
-    return tuple(j for j in range(len(readers)) if reached[j])
+        for j in neighbours[stack.pop()]:
+            i = partner[j]
+            if i != FREE and not reached[i]:
+                reached[i] = 1
+                stack.append(i)
+    return tuple(i for i in range(len(neighbours)) if reached[i])

@@ -8,12 +8,10 @@ Reports      BG101 ... BG116, see `errors.py`
 
 from __future__ import annotations
 
-import gc
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
+from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import Reporter
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast, errors
@@ -32,23 +30,11 @@ def parse_tokens(source: Source, report: Reporter) -> tuple[ast.File, Tokens]:
     """The tree, and the tokens it is made of: words that serve as names are of kind `NAME`."""
     tokens = tokenize(source.text)
     machine = Machine(source, tokens, TreeBuilder(source, report).action)
-    with _without_collection():
+    with uncollected():
         tree: ast.File | None = machine.run(Recovery(report))
         comments = tuple(ast.Comment(source.text[a:b], span=Span(source, a, b)) for a, b in tokens.comments)
     items = tree.items if tree else ()
     return ast.File(items, comments, span=Span(source, 0, len(source.text))), tokens
-
-
-@contextmanager
-def _without_collection() -> Iterator[None]:
-    """Building a tree makes many objects and no cycles: looking for garbage among them again and again would take longer."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
 
 
 def read_source(path: Path | str, report: Reporter) -> Source:

@@ -87,16 +87,19 @@ SI: Mapping[str, Unit] = {
 
 @cache
 def times(a: Unit, b: Unit) -> Unit:
+    """The unit of a product."""
     return unit(tuple(x + y for x, y in zip(a.exponents, b.exponents, strict=True)), a.factor * b.factor)
 
 
 @cache
 def over(a: Unit, b: Unit) -> Unit:
+    """The unit of a quotient."""
     return unit(tuple(x - y for x, y in zip(a.exponents, b.exponents, strict=True)), a.factor / b.factor)
 
 
 @cache
 def power(a: Unit, exponent: Fraction) -> Unit:
+    """The unit of a power."""
     return unit(tuple(x * exponent for x in a.exponents), float(a.factor ** float(exponent)))
 
 

@@ -179,6 +179,7 @@ def to_json(report: ActivityReport) -> str:
 
 
 def as_dictionary(report: ActivityReport) -> Mapping[str, object]:
+    """The report as JSON has it: its head, the junctions with their terms, the elements."""
     return {
         "model": report.model,
         "experiment": report.experiment,

@@ -37,6 +37,7 @@ def evaluate(node: ast.Expression, context: Context) -> Value:
 
 
 def evaluate_scalar(node: ast.Expression, context: Context) -> Expr:
+    """The value of an expression that has to be a single number."""
     value = evaluate(node, context)
     if not isinstance(value, Expr):
         raise Fault(MISFIT, "a single number is wanted here", node.span, describe(value))
@@ -51,6 +52,7 @@ def evaluate_now(node: ast.Expression, context: Context) -> float:
 
 
 def evaluate_integer(node: ast.Expression, context: Context) -> int:
+    """The value, known now, of an expression that has to be a whole number."""
     number = evaluate_now(node, context)
     if not float(number).is_integer():
         raise Fault(INDEX, f"a whole number is wanted here, this is {number:g}", node.span, "not whole")

@@ -48,6 +48,7 @@ CONSTANTS: Mapping[str, float] = {
 
 
 def wrong(message: str, span: Span, label: str = "", *helps: str) -> Fault:
+    """A fault in the arguments of a function."""
     return Fault(ARGUMENTS, message, span, label, helps=helps)
 
 

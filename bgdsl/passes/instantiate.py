@@ -13,6 +13,7 @@ the declaration itself last. Nothing is copied, so an instance costs what its ow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Any
 
 from bgdsl.diagnostics import Code
@@ -199,10 +200,8 @@ def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
 
 
 def spots_of(shape: Sequence[int]) -> list[tuple[int, ...]]:
-    spots: list[tuple[int, ...]] = [()]
-    for size in shape:
-        spots = [(*spot, i) for spot in spots for i in range(size)]
-    return spots
+    """Every index of an array of that shape, from 0, row-major."""
+    return list(product(*map(range, shape)))
 
 
 def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, claims: tuple[Claim, ...]) -> Instance:

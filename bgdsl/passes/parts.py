@@ -118,6 +118,8 @@ class ParameterPart:
 
 @dataclass(slots=True, eq=False)
 class SignalPart:
+    """A Real whose value changes along a run."""
+
     name: str
     shape: tuple[int, ...]
     member: Member
@@ -133,6 +135,8 @@ class SignalPart:
 
 @dataclass(slots=True, eq=False)
 class JunctionPart:
+    """A 0- or 1-junction; `size` is None where it is scalar."""
+
     name: str
     kind: int
     size: int | None
@@ -444,6 +448,7 @@ def array_of(items: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray[Any, An
 
 
 def shape_of(value: Value) -> tuple[int, ...]:
+    """The shape of a value; a scalar has the empty one."""
     return value.shape if isinstance(value, np.ndarray) else ()
 
 
@@ -460,6 +465,7 @@ def vector(name: str, size: int | None) -> Value:
 
 
 def shown_shape(shape: tuple[int, ...]) -> str:
+    """A shape in words."""
     match shape:
         case ():
             return "a scalar"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,7 @@ ABSENT = Code("BG237", "a component is used that its condition leaves out")
 
 
 def evaluate_reference(node: ast.Reference, context: Context) -> Value:
+    """What a name stands for where the context stands: a local, a parameter, a variable, a power, or an array of them."""
     parts = node.parts
     first = parts[0]
     if context.locals is not None and first.name in context.locals:
@@ -92,6 +94,7 @@ def _enclosing_constant(node: ast.Reference, context: Context) -> Value | None:
 
 
 def unknown_name(name: str, span: Span, context: Context) -> Fault:
+    """The fault of a name that is not there, with the closest one that is."""
     known = {*(context.locals or ()), "time", "pi"}
     where = "here"
     if context.instance is not None:
@@ -156,10 +159,8 @@ def _read_array(part: ArrayPart, node: ast.Reference, i: int, context: Context) 
 
 
 def spots(axes: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
-    spots: list[tuple[int, ...]] = [()]
-    for axis in axes:
-        spots = [(*spot, k) for spot in spots for k in axis]
-    return spots
+    """Every combination of one index from each axis, row-major."""
+    return list(product(*axes))
 
 
 def _read_instance(part: Instance, node: ast.Reference, i: int, context: Context) -> Value:
@@ -228,6 +229,7 @@ def _readable(part: Any) -> tuple[str, tuple[str, ...]]:
 
 
 def pair_value(name: str, size: int | None, letter: str) -> Value:
+    """A pair's effort, flow or power by its name and letter: `e`, `f` or `power`."""
     if letter != "power":
         return vector(f"{name}.{letter}", size)
     effort, flow = vector(f"{name}.e", size), vector(f"{name}.f", size)

@@ -326,4 +326,5 @@ _SECONDS: Mapping[int, Unit] = {exponent: power(SECOND, Fraction(exponent)) for 
 
 
 def seconds_to(exponent: int) -> Unit:
+    """The unit s^exponent."""
     return _SECONDS[exponent]

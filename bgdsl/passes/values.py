@@ -31,6 +31,7 @@ def kind_of(value: Value) -> str:
 
 
 def misfit(operator: str, left: Value, right: Value, span: Span, *helps: str) -> Fault:
+    """The fault of an operator between values that do not go together."""
     return Fault(
         MISFIT,
         f"`{operator}` does not fit {_shown(left)} and {_shown(right)}",
@@ -154,14 +155,17 @@ def _matrix_power(left: Value, right: Value, span: Span) -> Value:
 
 
 def identity(n: int) -> Array:
+    """The n x n identity."""
     return array_of([ONE if i == j else ZERO for i in range(n) for j in range(n)], (n, n))
 
 
 def full(shape: tuple[int, ...], value: Any) -> Array:
+    """An array of one value throughout."""
     return array_of([value] * int(np.prod(shape, dtype=int)), shape)
 
 
 def diagonal(items: Value) -> Array:
+    """The square matrix with these entries on its diagonal."""
     values = entries(items)
     n = len(values)
     return array_of([values[i] if i == j else ZERO for i in range(n) for j in range(n)], (n, n))

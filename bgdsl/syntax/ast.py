@@ -14,6 +14,8 @@ from bgdsl.source import Span
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
+    """A node of the tree; where it stands takes no part in equality."""
+
     span: Span = field(compare=False, repr=False)
 
 
@@ -34,11 +36,15 @@ class Number(Node):
 
 @dataclass(frozen=True, slots=True)
 class String(Node):
+    """Text between double quotes, escapes resolved."""
+
     value: str
 
 
 @dataclass(frozen=True, slots=True)
 class Boolean(Node):
+    """`true` or `false`."""
+
     value: bool
 
 

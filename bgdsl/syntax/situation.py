@@ -27,6 +27,7 @@ def closest(text: str, words: Iterable[str]) -> str | None:
 
 
 def token_span(machine: Machine) -> Span:
+    """Where the token that does not fit stands."""
     _, text, start = machine.token
     return Span(machine.source, start, start + len(text))
 
@@ -37,11 +38,13 @@ def after_last(machine: Machine) -> Span:
 
 
 def end_of_line(machine: Machine, start: int) -> int:
+    """Where the line of an offset ends."""
     end = machine.source.text.find("\n", start)
     return end if end >= 0 else len(machine.source.text)
 
 
 def starts_line(machine: Machine, start: int) -> bool:
+    """Whether nothing but blanks stands before an offset in its line."""
     text = machine.source.text
     return not text[text.rfind("\n", 0, start) + 1 : start].strip()
 
@@ -71,6 +74,7 @@ def word_kind(machine: Machine, index: int) -> str | None:
 
 
 def first_long_string(machine: Machine) -> Span | None:
+    """The first line of the first string that spans lines, None where there is none."""
     tokens = machine.tokens
     for kind, text, start in zip(tokens.kinds, tokens.texts, tokens.starts, strict=True):
         if kind == "STRING" and "\n" in text:
@@ -177,6 +181,7 @@ def misplaced(machine: Machine, text: str) -> str | None:
 
 
 def unfinished(machine: Machine, text: str) -> str | None:
+    """What is wrong with a statement that stops being one here, in a sentence; None where nothing is known."""
     expected = machine.expected()
     if "REDECLARE" in expected or (expected == {"EQUAL", "LPAR"} and open_bracket(machine)):
         return "a modification is `name = value` or `name(...)`"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Code, Reporter
-from bgdsl.playback import Played, at, played
+from bgdsl.playback import Played, as_played, at, played
 from bgdsl.reduce import Measured, Reduced, Scenario, condition, measure, partition
 from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output
 from bgdsl.reductions.search import Candidate, Search, search
@@ -131,6 +131,7 @@ class Provenance:
     experiment: str | None
     window: tuple[float, float] | None
     threshold: float
+    parameters: Mapping[str, float]
     span: Span
 
 
@@ -164,9 +165,16 @@ def _provenance(annotation: ast.Annotation) -> Provenance | None:
                     experiment.value if isinstance(experiment, ast.String) else None,
                     (times[0], times[1]) if len(times) == 2 else None,
                     threshold.value,
+                    _changes(said.get("parameters")),
                     annotation.span,
                 )
     return None
+
+
+def _changes(said: ast.Expression | None) -> dict[str, float]:
+    """`"mA = 90, s = 0.9"` as a mapping."""
+    pairs = (part.split(" = ") for part in said.value.split(", ")) if isinstance(said, ast.String) else ()
+    return {name: float(value) for name, value in pairs}
 
 
 def full_model_of(path: Path, origin: Provenance, full: Path | None) -> Path:
@@ -204,8 +212,8 @@ def verify_reduced(path: Path, scenario: Scenario, *, full: Path | None = None, 
     source = full_model_of(path, origin, full)
     model = pipeline.load(source, search=search_in)
     settings = {"window": origin.window} if origin.window else {}
-    then = measure(model, Scenario(origin.experiment, None, settings, scenario.progress))
-    now = measure(model, scenario)
+    then = measure(model, Scenario(origin.experiment, origin.parameters, settings, scenario.progress))
+    now = measure(model, replace(scenario, parameters={**origin.parameters, **(scenario.parameters or {})}))
     if origin.kind == "partition":
         decision = partition(then, origin.threshold).found.decision
     else:
@@ -213,6 +221,19 @@ def verify_reduced(path: Path, scenario: Scenario, *, full: Path | None = None, 
     terms = verify(decision, then.report, now.report)
     told = ", ".join([scenario.experiment or "the model as it is", *(f"{k}={v}" for k, v in (scenario.parameters or {}).items())])
     return Verification(path.name, source.name, origin.threshold, origin.experiment or "the model as it is", told, terms)
+
+
+# -------------------------------------------------------------------------------------------------------------- accuracy
+
+
+def measured_accuracy(reduced: Reduced, file: Path) -> Comparison:
+    """The reduced model beside the full one along the run that it was made from: a threshold bounds no error by itself."""
+    measured = reduced.measured
+    small = pipeline.load_source(Source(file.name, reduced.source, file), measured.model.name)
+    again = replace(measured.scenario, parameters=None)  # changed parameters are the reduced model's defaults
+    names = measured.run.trajectory.names
+    run = played(file.name, small, again, names if not measured.model.program.outputs else None)
+    return compare(as_played(measured.model.name, measured.model, measured.run), run, window=measured.report.window)
 
 
 # ---------------------------------------------------------------------------------------------------------------- search

@@ -78,10 +78,11 @@ def played(name: str, model: Model, scenario: Scenario, wanted: Sequence[str] | 
         settings["vars"] = wanted
     system = model.compile()
     run = system.simulate(scenario.experiment, scenario.parameters, progress=scenario.progress, **settings)
-    return _as_played(name, model, run)
+    return as_played(name, model, run)
 
 
-def _as_played(name: str, model: Model, run: Run) -> Played:
+def as_played(name: str, model: Model, run: Run) -> Played:
+    """A run that is there already."""
     trajectory, sizes = run.trajectory, model.sizes()
     signals = dict(zip(trajectory.names, trajectory.values.T, strict=True))
     units = dict(zip(trajectory.names, trajectory.units, strict=True))
@@ -147,7 +148,7 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
             settings["inputs"] = _inputs(entry["inputs"], parts)
             settings.setdefault("max_step", STEPS * stop / max(part.steps for part in parts))
         run = model.compile().simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
-        parts.append(_as_played(entry["file"], model, run))
+        parts.append(as_played(entry["file"], model, run))
     return parts
 
 
@@ -246,7 +247,7 @@ def _sliced(
         run = system.simulate(
             scenario.experiment, changes, state=state, **{**settings, "start": begin, "stop": end, "window": (begin, end)}
         )
-        piece = _as_played(entry["file"], model, run)
+        piece = as_played(entry["file"], model, run)
         for reader in readers:
             reader.send({"time": piece.time, "steps": piece.steps, **piece.signals})
         whole = piece if whole is None else _appended(whole, piece)

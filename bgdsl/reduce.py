@@ -109,6 +109,9 @@ def provenance(measured: Measured, settings: Mapping[str, str], kind: str = "con
     """What the annotation of a reduced file says."""
     source = measured.model.graph.sources[0]
     report = measured.report
+    if measured.changed:
+        told = ", ".join(f"{name} = {number(value)}" for name, value in measured.changed.items())
+        settings = {**settings, "parameters": f'"{told}"'}
     return Provenance(
         Path(source.name).name,
         source.digest,

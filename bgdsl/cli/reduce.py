@@ -125,6 +125,7 @@ def condition(
 ) -> int:
     """Write the model without the terms whose relative activity is below a threshold."""
     from bgdsl import reduce
+    from bgdsl.accuracy import measured_accuracy
     from bgdsl.cli.files import write
 
     if (threshold is None) == (max_error is None):
@@ -136,11 +137,11 @@ def condition(
         return _searched(found, allowed, output, arg.names(outputs), shaft, guard, force, format)
     reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
     write(output, reduced.source, ours=_is_conditioned, force=force)
-    _told(reduced, output, format)
+    _told(reduced, output, measured_accuracy(reduced, output) if reduced.decision.dropped else None, format)
     return 0
 
 
-def _told(reduced: Reduced, output: Path, format: arg.Format) -> None:
+def _told(reduced: Reduced, output: Path, accuracy: Comparison | None, format: arg.Format) -> None:
     decision, report, scalar = reduced.decision, reduced.report, reduced.measured.model.scalar
     records = report.by_index()
     names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
@@ -151,7 +152,8 @@ def _told(reduced: Reduced, output: Path, format: arg.Format) -> None:
     if format is arg.Format.JSON:
         document = {"model": report.model, "output": str(output), "threshold": decision.threshold, "terms": len(scalar.terms)}
         kept = [{**entry, "reason": k.reason} for k in decision.kept for entry in listed([k.term])]
-        console.out_json({**document, "dropped": listed(decision.dropped), "reinstated": listed(decision.reinstated), "kept": kept})
+        found = {"dropped": listed(decision.dropped), "reinstated": listed(decision.reinstated), "kept": kept}
+        console.out_json({**document, **found, "accuracy": accuracy and accuracy.as_dictionary()})
         return
     console.out(f"{output}: {len(decision.dropped)} of {len(scalar.terms)} terms dropped at {100 * decision.threshold:g} %")
     if decision.reinstated:
@@ -159,6 +161,9 @@ def _told(reduced: Reduced, output: Path, format: arg.Format) -> None:
         console.out(f"taken back, since a junction would have been left undetermined: {back}")
     for reason in reduced.rewrite.reasons:
         console.message(f"written as one flat model: {reason}")
+    if accuracy is not None:
+        rows = [(o.name, f"{100 * o.nrms:.3g} %", f"{100 * o.peak:.3g} %") for o in accuracy.outputs]
+        console.out(console.table(("output", "rms error", "peak error"), rows, right=(1, 2)))
 
 
 def _searched(

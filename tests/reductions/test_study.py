@@ -118,3 +118,12 @@ def test_the_balanced_engine_is_written_as_committed() -> None:
     }
     assert set(driving.states) == kinds | {f"bore[{i}].d" for i in range(1, 7)}
     assert {f"block.mass.p[{k}]" for k in (1, 2, 3)} <= set(driven.states)
+
+
+def test_the_misfiring_engine_holds_together_and_is_conditioned_as_committed() -> None:
+    found = study.measured("engine.bg", "Engine", "misfire_settled")
+    assert condition(found, study.CONDITIONED_AT, folder=REDUCED).source == (REDUCED / "engine_misfire_conditioned.bg").read_text("utf-8")
+    apart = partition(found, study.THRESHOLD)
+    assert apart.files == ()
+    assert len(apart.found.partitions.partitions) == 1
+    assert apart.found.misses

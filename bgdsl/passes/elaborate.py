@@ -8,6 +8,7 @@ Reports      BG230 unknown name, BG231 misfit; its neighbours `evaluation`, `ref
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from bgdsl.diagnostics import did_you_mean
@@ -29,6 +30,7 @@ from bgdsl.passes.functions import BUILT_INS, wrong
 from bgdsl.passes.inline import inline
 from bgdsl.passes.parts import (
     LARGEST_ARRAY,
+    NO_VALUE,
     UNKNOWN_NAME,
     Context,
     Fault,
@@ -46,6 +48,8 @@ from bgdsl.syntax import ast
 
 
 def _number(node: ast.Number, context: Context) -> Value:
+    if math.isinf(node.value):
+        raise Fault(NO_VALUE, f"`{node.text}` is larger than any number here", node.span, "about 1.8e308 is the largest")
     return const(node.value)
 
 

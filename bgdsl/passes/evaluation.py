@@ -46,7 +46,7 @@ def evaluate_scalar(node: ast.Expression, context: Context) -> Expr:
 
 def evaluate_now(node: ast.Expression, context: Context) -> float:
     """The number that an expression over parameters is; those parameters become structural."""
-    if type(node) is ast.Number:
+    if type(node) is ast.Number and node.is_integer:
         return node.value
     return context.build.number(evaluate_scalar(node, context), node.span)
 

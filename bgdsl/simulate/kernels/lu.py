@@ -78,17 +78,26 @@ def lu_solve(f: Factors, b: reals, x: reals) -> None:
     """x := inv(M) b; the two may be one."""
     work = f.work
     n = f.n
+    row_order = f.row_order
+    column_order = f.column_order
+    starts = f.lower_starts
+    rows = f.lower_rows
+    numbers = f.lower
+    pivots = f.pivots
     for i in range(n):
-        work[i] = b[f.row_order[i]]
+        work[i] = b[row_order[i]]
     for j in range(n):
         value = work[j]
         if value != 0.0:
-            for q in range(f.lower_starts[j], f.lower_starts[j + 1]):
-                work[f.lower_rows[q]] -= f.lower[q] * value
+            for q in range(starts[j], starts[j + 1]):
+                work[rows[q]] -= numbers[q] * value
+    starts = f.upper_starts
+    rows = f.upper_rows
+    numbers = f.upper
     for j in range(n - 1, -1, -1):
-        value = work[j] * f.pivots[j]
-        x[f.column_order[j]] = value
+        value = work[j] * pivots[j]
+        x[column_order[j]] = value
         work[j] = 0.0
         if value != 0.0:
-            for q in range(f.upper_starts[j], f.upper_starts[j + 1]):
-                work[f.upper_rows[q]] -= f.upper[q] * value
+            for q in range(starts[j], starts[j + 1]):
+                work[rows[q]] -= numbers[q] * value

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PLAYBACK_POINTS = 20_000
 """A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
 
+START, START_POINTS = 0.01, 2000
+"""The first hundredth of a driving run is recorded at so many points more."""
+
 STEPS = 4.0
 """A driven run's steps are at most so many times as long as its drivers' were on average: what moves the driven part is no quicker
 than what it took to compute it."""
@@ -148,8 +151,27 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
             settings["inputs"] = _inputs(entry["inputs"], parts)
             settings.setdefault("max_step", STEPS * stop / max(part.steps for part in parts))
         run = model.compile().simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
-        parts.append(as_played(entry["file"], model, run))
+        part = as_played(entry["file"], model, run)
+        parts.append(with_start(part, model, scenario.experiment, changes, settings) if entry["outputs"] else part)
     return parts
+
+
+def with_start(
+    part: Played, model: Model, experiment: str | None, changes: Mapping[str, Any] | None, settings: Mapping[str, Any]
+) -> Played:
+    """The record with the run's start in it as fine as that may need: a run that does not begin at rest begins with its quickest
+    modes, and an impulse that is missed there rings on in the driven part. settings: those of the run that was recorded."""
+    import numpy as np
+
+    length = START * float(part.time[-1] - part.time[0])
+    until = float(part.time[0]) + length
+    fine = {**settings, "stop": until, "interval": length / START_POINTS}
+    begun = as_played(part.name, model, model.compile().simulate(experiment, changes, **fine))
+    later = part.time > until + 1e-9 * length
+    signals = {name: np.concatenate((begun.signals[name], values[later])) for name, values in part.signals.items()}
+    time = np.concatenate((begun.time, part.time[later]))
+    seconds, rhs_calls = part.seconds + begun.seconds, part.rhs_calls + begun.rhs_calls
+    return replace(part, time=time, signals=signals, seconds=seconds, rhs_calls=rhs_calls)
 
 
 def _inputs(names: Sequence[str], parts: Sequence[Played]) -> dict[str, Any]:

@@ -22,17 +22,18 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-CROWD = 500
+CROWD = 200
 """So many events of one function ..."""
 CROWDED = 1e-4
 """... within this share of the run are no honest events any more."""
 
 
 STANDSTILL = 1e-4
-"""Less progress than this share of the run in `PATIENCE` steps, in a model with events, is chattering; ..."""
-COLLAPSE = 1e-5
+"""Less progress than this share of the run in `PATIENCE` steps, of which one in `SPARSE` ends at an event, is chattering; ..."""
+COLLAPSE = 1e-7
 """... and less than this in any model is a collapse of the step size."""
 PATIENCE = 100_000
+SPARSE = 100
 
 
 class Watch:
@@ -52,7 +53,7 @@ class Watch:
         self._recent: list[list[float]] = [[] for _ in program.events]
         self.crossings = crossings
         self.sense: Callable[[int], bool | None] | None = None
-        self._milestone = (start, 0)
+        self._milestone = (start, 0, len(crossings))
 
     @property
     def idle(self) -> bool:
@@ -94,12 +95,12 @@ class Watch:
         """Stop a run that hardly moves: RunError where it chatters about an event, IntegrationError otherwise."""
         import numpy as np
 
-        since, before = self._milestone
+        since, before, crossed = self._milestone
         if steps - before < PATIENCE:
             return
         progress = (t - since) / self._span
-        self._milestone = (t, steps)
-        if self.count and progress < STANDSTILL:
+        self._milestone = (t, steps, len(self.crossings))
+        if progress < STANDSTILL and len(self.crossings) - crossed > (steps - before) / SPARSE:
             self._chatters(t, int(np.abs(self._at(t, x)[: self.count]).argmin()), f"{steps - before} steps within {t - since:.3g} s")
         if progress < COLLAPSE:
             raise IntegrationError("the step size collapsed", t, x.copy(), collapsed=True)

@@ -39,10 +39,13 @@ from bgdsl.ir.program import Assign, Event, Program, Record, SolveLinear, SolveN
 
 SETTINGS = ("side", "slides", "margin")
 """What each switch is told through inputs: its value where held; 1 where it slides; how far g may go back before that is an event."""
+PROBE = " (probe "
 ROUND_OFF = 1e-12
 SWITCHING = ("sign", "abs", "lt", "le", "min", "max")
 PARTIAL = ("sqrt", "log", "log10", "asin", "acos", "pow")
 """What is not defined everywhere: forms that hold it are left behind g = 0 where they have no value."""
+STEEP = (*PARTIAL, "exp", "sinh", "cosh", "tan", "div")
+"""What may explode behind g = 0 if an `abs` within goes on as before."""
 LARGEST = 1e300
 
 
@@ -80,6 +83,11 @@ class Held:
     def relax(self, expressions: Iterable[Expr]) -> tuple[Expr, ...]:
         """Expressions of the original program as they read here."""
         return Relaxation(self.switches, self.sheltered).apply(expressions)
+
+
+def original_name(name: str) -> str:
+    """The variable of which a probe's variable is a copy."""
+    return name.partition(PROBE)[0]
 
 
 def rate_name(name: str) -> str:
@@ -278,7 +286,7 @@ def hold(program: Program, switches: Sequence[Switch]) -> Held:
 def _sheltered(program: Program) -> frozenset[Expr]:
     """The `abs`, `min` and `max` that keep something else defined: `sqrt(abs(x))` must not become `sqrt(-x)`."""
     roots = [*(value for step in program.steps for value in read(step)), *program.derivatives]
-    under = [arg for node in topological(roots) if node.op in PARTIAL for arg in node.args]
+    under = [arg for node in topological(roots) if node.op in STEEP for arg in node.args[node.op == "div" :]]
     assigned = {step.variable: step.value for step in program.steps if isinstance(step, Assign)}
     seen: dict[Expr, None] = {}
     while under:
@@ -344,7 +352,7 @@ def _probes(steps: Sequence[Step], derivatives: Sequence[Expr], switches: Sequen
     for probe in range(len(switches) + 1):
         names = {s(k).data for k in range(len(switches))} if probe == 0 else {s(probe - 1).data}
         own: dict[Expr, Expr] = {var(name): _trial(name, k == probe - 1) for k, name in _places(names, len(switches))}
-        tag = f" (probe {probe})"
+        tag = f"{PROBE}{probe})"
         moved = [step for step, moves in zip(chain, _dependents(chain, names), strict=True) if moves]
         own.update((var(name), var(name + tag)) for step in moved for name in defined(step))
         if probe == 0:

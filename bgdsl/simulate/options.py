@@ -172,14 +172,17 @@ def _check(options: Options, report: Reporter) -> None:
         bad("method", options.method, "there is no such method", helps)
     if not (math.isfinite(options.start) and math.isfinite(options.stop) and options.stop > options.start):
         bad("stop", options.stop, f"it must be a finite time after the start ({options.start:g} s)")
+    elif options.stop - options.start < max(1e-100, 1e-12 * max(abs(options.start), abs(options.stop))):
+        bad("stop", options.stop, f"times so close to the start ({options.start:g} s) cannot be told apart")
     elif not 0.0 < options.interval < math.inf:
         bad("interval", options.interval, "it must be a positive time")
     elif (options.stop - options.start) / options.interval > 1e9:
         bad("interval", options.interval, "it would make more than 1e9 rows")
-    for name in ("rtol",) if options.rtol == options.atol else ("rtol", "atol"):
+    same = options.rtol == options.atol or options.rtol != options.rtol  # one tolerance for both, not a number perhaps
+    for name in ("rtol",) if same else ("rtol", "atol"):
         value = getattr(options, name)
         if not 0.0 < value < 1.0:
-            bad("tolerance" if options.rtol == options.atol else name, value, "it must lie between 0 and 1")
+            bad("tolerance" if same else name, value, "it must lie between 0 and 1")
         elif name == "rtol" and value < 1e-14:
             bad("tolerance", value, "it is below what double precision resolves")
     if not options.max_step > 0.0:

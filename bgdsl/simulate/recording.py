@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
@@ -111,6 +112,15 @@ class _Draft:
     def remove(self) -> None:
         Path(self.name).unlink(missing_ok=True)
 
+    @contextmanager
+    def or_removed(self) -> Iterator[None]:
+        """Do something with the file; where that fails (a full disk), nothing is left of it."""
+        try:
+            yield
+        except BaseException:
+            self.remove()
+            raise
+
     def publish(self) -> None:
         mask = os.umask(0)
         os.umask(mask)
@@ -123,22 +133,24 @@ class CsvSink:
 
     def __init__(self, path: Path, names: Sequence[str], units: Sequence[str], facts: dict[str, str]):
         self._draft = _Draft(path)
-        self._file = Path(self._draft.name).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115  (closed by `close`)
-        self._file.write(",".join(_quoted(name) for name in names) + "\n")
+        with self._draft.or_removed():
+            self._file = Path(self._draft.name).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115  (closed by `close`)
+            self._file.write(",".join(_quoted(name) for name in names) + "\n")
 
     def write(self, times: Floats, values: Floats) -> None:
         for time, row in zip(times.tolist(), values.tolist(), strict=True):
             self._file.write(",".join(map(repr, (time, *row))) + "\n")
 
     def close(self, status: Status) -> None:
-        if status == "partial":
-            self._file.write("# partial\n")
-        self._file.close()
-        self._draft.publish()
+        with self._draft.or_removed():
+            if status == "partial":
+                self._file.write("# partial\n")
+            self._file.close()
+            self._draft.publish()
 
     def discard(self) -> None:
-        self._file.close()
         self._draft.remove()
+        self._file.close()
 
 
 def _quoted(name: str) -> str:
@@ -154,7 +166,8 @@ class NetcdfSink:
         import h5netcdf
 
         self._draft = _Draft(path)
-        self._file = h5netcdf.File(self._draft.name, "w")
+        with self._draft.or_removed():
+            self._file = h5netcdf.File(self._draft.name, "w")
         self._file.dimensions = {"time": None}
         self._rows = 0
         for key, value in facts.items():
@@ -175,13 +188,14 @@ class NetcdfSink:
         self._rows = end
 
     def close(self, status: Status) -> None:
-        self._file.attrs["status"] = status
-        self._file.close()
-        self._draft.publish()
+        with self._draft.or_removed():
+            self._file.attrs["status"] = status
+            self._file.close()
+            self._draft.publish()
 
     def discard(self) -> None:
-        self._file.close()
         self._draft.remove()
+        self._file.close()
 
 
 def _slashless(name: str) -> str:
@@ -201,7 +215,8 @@ class ParquetSink:
             for name, unit in zip(names, units, strict=True)
         ]
         self._schema = pyarrow.schema(fields, metadata=facts)
-        self._writer = parquet.ParquetWriter(self._draft.name, self._schema)
+        with self._draft.or_removed():
+            self._writer = parquet.ParquetWriter(self._draft.name, self._schema)
 
     def write(self, times: Floats, values: Floats) -> None:
         import numpy as np
@@ -211,13 +226,14 @@ class ParquetSink:
         self._writer.write_table(pyarrow.Table.from_arrays(columns, schema=self._schema))
 
     def close(self, status: Status) -> None:
-        self._writer.add_key_value_metadata({"status": status})
-        self._writer.close()
-        self._draft.publish()
+        with self._draft.or_removed():
+            self._writer.add_key_value_metadata({"status": status})
+            self._writer.close()
+            self._draft.publish()
 
     def discard(self) -> None:
-        self._writer.close()
         self._draft.remove()
+        self._writer.close()
 
 
 _SINKS: dict[str, Callable[[Path, Sequence[str], Sequence[str], dict[str, str]], Sink]] = {

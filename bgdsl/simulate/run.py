@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from bgdsl.diagnostics import Reporter, RunError
 from bgdsl.ir.native import CompiledModel
+from bgdsl.ir.program import defined
 from bgdsl.ir.trajectory import Crossing, Statistics, Status, Trajectory
 from bgdsl.simulate.columns import find_columns, output_columns
 from bgdsl.simulate.cvode import CvodeLoop, CvodeStepper
@@ -25,7 +26,7 @@ from bgdsl.simulate.failures import IntegrationError, explain, missing
 from bgdsl.simulate.initial import initial_state
 from bgdsl.simulate.inputs import InputSignals, input_signals
 from bgdsl.simulate.methods import METHODS, Method
-from bgdsl.simulate.modes import Switch
+from bgdsl.simulate.modes import Switch, original_name
 from bgdsl.simulate.options import Options, parameter_array
 from bgdsl.simulate.projection import Invariants
 from bgdsl.simulate.quadrature import Quadrature, Quadratures
@@ -115,20 +116,20 @@ def _carry_out(
     try:
         journey.travel(x0)
         recorder.flush()
+        sink.close("complete")
         status = "complete"
     except (IntegrationError, RunError) as error:
         failure = error if isinstance(error, RunError) else journey.explain(error)
-        raise (failure if output is None else _with_note(failure, f"the rows up to there are in {output}, marked partial")) from None
+        written = output is not None and recorder.next > 1
+        raise (_with_note(failure, f"the rows up to there are in {output}, marked partial") if written else failure) from None
     except OSError as error:
         cannot_write(output, error, report)
     finally:
-        with suppress(OSError):
-            if status == "partial":
+        if status == "partial":
+            with suppress(Exception):  # what went wrong first is what is told
                 recorder.flush()
-            if status == "complete" or recorder.next > 1:
-                sink.close(status)
-            else:
-                sink.discard()
+            with suppress(Exception):
+                sink.close("partial") if recorder.next > 1 else sink.discard()
     return status
 
 
@@ -304,8 +305,12 @@ class Journey:
             self._progress((t - self._options.start) / (self._options.stop - self._options.start))
 
     def explain(self, error: IntegrationError) -> RunError:
-        """What went wrong, in the terms of the model in force."""
-        return explain(self.model, error, self.inputs, self._options.parameters)
+        """What went wrong, in the terms of the model as it was written: switches made modes have steps of their own."""
+        if self.model is not self._original and error.status > 0:
+            name = original_name(defined(self.model.program.steps[error.status - 1])[0])
+            steps = [k for k, step in enumerate(self._original.program.steps, 1) if name in defined(step)]
+            error.status = steps[0] if steps else 0
+        return explain(self._original, error, self._plain, self._options.parameters)
 
     def statistics(self) -> Statistics:
         def total(name: str) -> int:

@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary
 
 from bgdsl.expr import Expr
 from bgdsl.ir.native import CompiledModel, Kernel
+from bgdsl.simulate.failures import IntegrationError
 from bgdsl.simulate.inputs import InputSignals
 from bgdsl.simulate.modes import SETTINGS, Held, Switch, find_switches, hold
 from bgdsl.simulate.options import Options, parameter_array
@@ -96,11 +97,15 @@ class Surfaces:
 
         numbers = np.full(self._kernel.size, np.nan)
         self._kernel(t, x, u, numbers)
+        g = numbers[self.starts[:-1]]
+        if not np.isfinite(g).all():
+            raise IntegrationError("a switching function is not finite", t, x.copy())
+        numbers[~np.isfinite(numbers)] = 0.0
         gradients: Floats = np.zeros((len(self.switches), self._n))
         for k, switch in enumerate(self.switches):
             first = self.starts[k] + 1
             gradients[k, [i for i, _ in switch.gradient]] = numbers[first : self.starts[k + 1]]
-        return numbers[self.starts[:-1]], gradients
+        return g, gradients
 
 
 class Discovery:
@@ -219,7 +224,11 @@ class Modes:
 
         fired = {place[0] for event in events if (place := self.held.events[event]) is not None}
         g, gradients = self._surfaces.at(t, x, self.inputs(t))
-        open_ = set(np.flatnonzero(np.abs(g) <= 1.5 * tolerances(gradients, x, self._options)).tolist()) | fired
+        near = tolerances(gradients, x, self._options)
+        open_ = set(np.flatnonzero(np.abs(g) <= 1.5 * near).tolist()) | fired
+        missed = (self._side * g < -near) & (self._slides == 0.0)  # twice in one step, which an event cut in between
+        missed[list(fired)] = False
+        self._side[missed] = np.sign(g[missed])
         for k in fired:
             if self._slides[k]:  # it breaks loose: its value has reached a bound
                 self._slides[k] = 0.0
@@ -268,6 +277,7 @@ class Modes:
         self.inputs.put(self.settings)
         numbers = np.full(self._kernel.size, np.nan)
         self._kernel(t, x, self.inputs(t), numbers)
+        numbers[~np.isfinite(numbers)] = 0.0
         count = len(self._side)
         matrix: Floats = np.zeros((count, count))
         for (i, j), value in zip(self._places, numbers[count:].tolist(), strict=True):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Diagnostic
-from bgdsl.pipeline import Model
+from bgdsl.pipeline import Model, System
 from bgdsl.reduce import Scenario
 
 if TYPE_CHECKING:
@@ -150,14 +150,15 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
         if entry["inputs"]:
             settings["inputs"] = _inputs(entry["inputs"], parts)
             settings.setdefault("max_step", STEPS * stop / max(part.steps for part in parts))
-        run = model.compile().simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
+        system = model.compile()
+        run = system.simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
         part = as_played(entry["file"], model, run)
-        parts.append(with_start(part, model, scenario.experiment, changes, settings) if entry["outputs"] else part)
+        parts.append(with_start(part, system, scenario.experiment, changes, settings) if entry["outputs"] else part)
     return parts
 
 
 def with_start(
-    part: Played, model: Model, experiment: str | None, changes: Mapping[str, Any] | None, settings: Mapping[str, Any]
+    part: Played, system: System, experiment: str | None, changes: Mapping[str, Any] | None, settings: Mapping[str, Any]
 ) -> Played:
     """The record with the run's start in it as fine as that may need: a run that does not begin at rest begins with its quickest
     modes, and an impulse that is missed there rings on in the driven part. settings: those of the run that was recorded."""
@@ -166,7 +167,7 @@ def with_start(
     length = START * float(part.time[-1] - part.time[0])
     until = float(part.time[0]) + length
     fine = {**settings, "stop": until, "interval": length / START_POINTS}
-    begun = as_played(part.name, model, model.compile().simulate(experiment, changes, **fine))
+    begun = as_played(part.name, system.model, system.simulate(experiment, changes, **fine))
     later = part.time > until + 1e-9 * length
     signals = {name: np.concatenate((begun.signals[name], values[later])) for name, values in part.signals.items()}
     time = np.concatenate((begun.time, part.time[later]))

@@ -11,7 +11,9 @@ Reports      BG619 a result file cannot be written
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -100,6 +102,10 @@ def cannot_write(path: Path | None, error: OSError, report: Reporter) -> NoRetur
     report.fail(NO_OUTPUT, f"{place} cannot be written: {error.strerror or error}", Span(Source("<command line>", place), 0, len(place)))
 
 
+SPARE = 16384
+"""Bytes a netCDF or Parquet file may need for each variable beside its numbers."""
+
+
 class _Draft:
     """A temporary file beside its final place."""
 
@@ -111,6 +117,11 @@ class _Draft:
 
     def remove(self) -> None:
         Path(self.name).unlink(missing_ok=True)
+
+    def need(self, size: int) -> None:
+        """OSError unless so many bytes can still be written: HDF5 does not survive a full disk, and Parquet needs its footer."""
+        if shutil.disk_usage(self.path.parent).free < size:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     @contextmanager
     def or_removed(self) -> Iterator[None]:
@@ -167,6 +178,7 @@ class NetcdfSink:
 
         self._draft = _Draft(path)
         with self._draft.or_removed():
+            self._draft.need(SPARE * (1 + len(names)))
             self._file = h5netcdf.File(self._draft.name, "w")
         self._file.dimensions = {"time": None}
         self._rows = 0
@@ -182,6 +194,7 @@ class NetcdfSink:
 
     def write(self, times: Floats, values: Floats) -> None:
         end = self._rows + len(times)
+        self._draft.need((8 * (len(times) + self.CHUNK) + SPARE) * (1 + len(self._variables)))
         self._file.resize_dimension("time", end)
         for variable, column in zip(self._variables, (times, *values.T), strict=True):
             variable[self._rows : end] = column
@@ -223,7 +236,9 @@ class ParquetSink:
         import pyarrow
 
         columns: list[Any] = [pyarrow.array(np.ascontiguousarray(column)) for column in (times, *values.T)]
-        self._writer.write_table(pyarrow.Table.from_arrays(columns, schema=self._schema))
+        self._draft.need((9 * len(times) + SPARE) * len(columns))
+        with self._draft.or_removed():
+            self._writer.write_table(pyarrow.Table.from_arrays(columns, schema=self._schema))
 
     def close(self, status: Status) -> None:
         with self._draft.or_removed():

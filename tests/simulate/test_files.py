@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -204,6 +205,20 @@ def test_a_disk_that_fails_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with pytest.raises(BgError) as caught:
         run(van_der_pol(), tmp_path / "run.csv")
     assert code(caught) == "BG619" and "No space left" in caught.value.diagnostics[0].message
+
+
+@pytest.mark.parametrize("kind", [".nc", ".parquet"])
+def test_a_disk_that_fills_up_keeps_what_was_written_whole(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second chunk finds no room: the first is kept, in a file that can be read."""
+    free = iter([10**9, 10**9] if kind == ".nc" else [10**9])
+    monkeypatch.setattr("bgdsl.simulate.recorder.CHUNK_NUMBERS", 120)
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=next(free, 0)))
+    place = tmp_path / f"run{kind}"
+    with pytest.raises(BgError) as caught:
+        run(van_der_pol(), place)
+    assert code(caught) == "BG619" and "No space left" in caught.value.diagnostics[0].message
+    assert [path.name for path in tmp_path.iterdir()] == [place.name]
+    assert 0 < len(read_columns(place, Reporter())["time"]) < 201
 
 
 @pytest.mark.parametrize("method", ["cvode-bdf", "cvode-adams", "rk45", "lsoda"])

@@ -124,10 +124,15 @@ def provenance(measured: Measured, settings: Mapping[str, str], kind: str = "con
     )
 
 
-def condition(measured: Measured, threshold: float, *, guard: bool = True, folder: Path | None = None) -> Reduced:
-    """Drop every term whose relative activity is below `threshold`, and write the model anew. `folder`: where the file will be."""
+def condition(measured: Measured, threshold: float, *, guard: bool = True, elements: bool = True, folder: Path | None = None) -> Reduced:
+    """Drop every term whose relative activity is below `threshold`, and write the model anew. `folder`: where the file will be.
+    elements: may a storage, resistor or source fall, or only what joins junctions?"""
     model = measured.model
-    decision = reinstate(model.scalar, measured.report, decide(model.scalar, measured.report, threshold, guard=guard))
+    decision = reinstate(
+        model.scalar,
+        measured.report,
+        decide(model.scalar, measured.report, threshold, guard=guard, among=lambda term: elements or term.other is not None),
+    )
     head = provenance(measured, {"threshold": repr(threshold)})
     definition = next(item for item in model.library.models() if item.name == model.name)
     if not measured.changed and conditioned_before(definition, threshold, measured.report.experiment, measured.report.window):

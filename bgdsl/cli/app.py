@@ -77,15 +77,27 @@ def run(arguments: Sequence[str]) -> int:
         arguments.insert(0, "--debug")
     try:
         result = app(arguments, standalone_mode=False, prog_name="bgc")
-        return result if isinstance(result, int) else 0
+        return _status(result if isinstance(result, int) else 0)
     except typer.Exit as stop:
-        return stop.exit_code
+        return _status(stop.exit_code)
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
         _tell(error)
         if console.debug:
             traceback.print_exception(error)
+    return 2
+
+
+INTERRUPTED = 130
+"""What Typer makes of Ctrl-C."""
+
+
+def _status(code: int) -> int:
+    """The exit status: an interrupt means that the work could not be done."""
+    if code != INTERRUPTED:
+        return code
+    _tell(KeyboardInterrupt())
     return 2
 
 

@@ -243,6 +243,29 @@ def misfire_table(models: Mapping[str, Mapping[str, Any]]) -> str:
     return table(head, rows)
 
 
+def variant_table(misfire: Measured, full: Mapping[str, Any]) -> str:
+    """What the effort guard, and a single element, do to the model conditioned at 0.3 %."""
+    import tempfile
+
+    rows = []
+    folder = Path(tempfile.mkdtemp(prefix="bgdsl-study-"))
+    variants: dict[str, dict[str, bool]] = {
+        "as committed": {},
+        "elements stay": {"elements": False},
+        "without the effort guard": {"guard": False},
+    }
+    for k, (name, how) in enumerate(variants.items()):
+        reduced = condition(misfire, CONDITIONED_AT, folder=folder, **how)
+        path = folder / f"variant_{k}.bg"
+        path.write_text(reduced.source, "utf-8")
+        found = orders(path, "misfire")
+        scalar, records = misfire.model.scalar, misfire.report.by_index()
+        fallen = [records[t].name for t in reduced.decision.dropped if scalar.terms[t].other is None]
+        change = [f"{100 * (found[order][2] / full[order][2] - 1):+.1f} %" for order in ("0.5", "1")]
+        rows.append((name, len(reduced.decision.dropped), ", ".join(f"`{e}`" for e in sorted(fallen)) or "none", *change))
+    return table(("", "terms dropped", "elements among them", "front z, order 0.5", "order 1"), rows)
+
+
 def worst(full: Mapping[str, Any], reduced: Mapping[str, Any], wanted: Sequence[str], floor: float = 1.0) -> float:
     """The largest relative error of force components above `floor` newtons."""
     return max(abs(b / a - 1) for order in wanted for a, b in zip(full[order][:9], reduced[order][:9], strict=True) if a > floor)
@@ -468,6 +491,7 @@ def tables() -> dict[str, str]:
     }
     models |= {"within 8 %": orders(eight, "misfire"), "one way": orders(MODELS / "engine_owcm.bg", "misfire")}
     found["misfire"] = misfire_table(models)
+    found["misfire variants"] = variant_table(misfire, full["misfire"])
     searched = smallest(misfire, 0.08, outputs=FORCES, folder=REDUCED, file=eight.name, shaft="crank_angle")
     found["search"] = search_table(searched.search.tried)
     found["playback"] = playback_table()

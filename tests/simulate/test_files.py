@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -233,3 +237,21 @@ def test_a_file_of_inputs_that_is_not_there_is_told_of_even_where_none_is_needed
     with pytest.raises(BgError) as caught:
         run(van_der_pol(), inputs=Path("nowhere.csv"))
     assert code(caught) == "BG616"
+
+
+def test_ctrl_c_leaves_the_rows_so_far(tmp_path: Path) -> None:
+    """`bgc simulate` on its way to 1e6 s: the file says that it is partial, the exit status that the work was not done."""
+    model, place = tmp_path / "swing.bg", tmp_path / "run.csv"
+    model.write_text("model Swing\n  Real x(start = 1);  Real v;\nequation\n  der(x) = v;  der(v) = -x;\nend Swing;\n")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bgdsl", "simulate", model, "--stop", "1e6", "--interval", "1", "-o", place], stderr=subprocess.PIPE
+    )
+    for _ in range(600):
+        if any(path.name.startswith(".run.csv") for path in tmp_path.iterdir()):
+            break
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 2 and b"stopped" in said
+    assert place.read_text().endswith("# partial\n")

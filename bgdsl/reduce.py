@@ -22,6 +22,7 @@ from bgdsl.passes.subgraphs import partitions
 from bgdsl.pipeline import Model, load_source, settings_of
 from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.determined import reinstate
+from bgdsl.reductions.mora import eliminate
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, partitions_for, write_partitions
 from bgdsl.reductions.repair import repaired
 from bgdsl.reductions.rewrite_source import Provenance, conditioned_before, number, rewrite
@@ -137,6 +138,18 @@ def condition(measured: Measured, threshold: float, *, guard: bool = True, eleme
     definition = next(item for item in model.library.models() if item.name == model.name)
     if not measured.changed and conditioned_before(definition, threshold, measured.report.experiment, measured.report.window):
         decision = decision.restricted(frozenset())
+    return _written(measured, decision, head, folder)
+
+
+def eliminate_elements(measured: Measured, share: float, *, folder: Path | None = None) -> Reduced:
+    """Remove the least active elements while those that stay make up `share` of all activity (MORA, Louca and Stein)."""
+    decision = eliminate(measured.model.scalar, measured.report, share)
+    return _written(measured, decision, provenance(measured, {"threshold": repr(1.0 - share), "elements": repr(share)}), folder)
+
+
+def _written(measured: Measured, decision: Decision, head: Provenance, folder: Path | None) -> Reduced:
+    """A decision as source that compiles, in the layout of the model's own file."""
+    model = measured.model
     edits = new_defaults(model, measured.changed)
 
     def write(chosen: Decision) -> tuple[Rewrite, Decision]:

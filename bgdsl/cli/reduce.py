@@ -24,6 +24,7 @@ ShaftName = Annotated[
     str | None,
     typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order, errors at equal angles."),
 ]
+Keep = Annotated[str | None, typer.Option("--keep", metavar="SHARE", help="Remove elements; those that stay have this share of activity.")]
 Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
 Guard = Annotated[
     bool, typer.Option("--guard/--no-guard", metavar="", help="Keep a term whose rms effort (flow) is above the threshold all the same.")
@@ -109,6 +110,7 @@ def condition(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", help="Where to write the conditioned model.")],
     threshold: Threshold = None,
     max_error: MaxError = None,
+    keep: Keep = None,
     outputs: Outputs = None,
     shaft: ShaftName = None,
     model: arg.ModelName = None,
@@ -128,14 +130,17 @@ def condition(
     from bgdsl.accuracy import measured_accuracy
     from bgdsl.cli.files import write
 
-    if (threshold is None) == (max_error is None):
-        raise typer.BadParameter("say what may fall: either --threshold 0.3% or --max-error 8%", param_hint="--threshold")
+    if sum(given is not None for given in (threshold, max_error, keep)) != 1:
+        raise typer.BadParameter("say what may fall: one of --threshold 0.3%, --max-error 8%, --keep 98%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold") if threshold else 0.0
     allowed = arg.fraction(max_error, "--max-error") if max_error else None
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
     if allowed is not None:
         return _searched(found, allowed, output, arg.names(outputs), shaft, guard, force, format)
-    reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
+    if keep is not None:
+        reduced = reduce.eliminate_elements(found, min(1.0, arg.fraction(keep, "--keep")), folder=output.parent)
+    else:
+        reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
     write(output, reduced.source, ours=_is_conditioned, force=force)
     _told(reduced, output, measured_accuracy(reduced, output) if reduced.decision.dropped else None, format)
     return 0

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import BgError, Diagnostic, Reporter
-from bgdsl.expr import Expr, evaluate
+from bgdsl.expr import evaluate
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.graph import BondGraph
 from bgdsl.ir.program import Assign, Program, Record, defined
@@ -268,20 +268,20 @@ class System:
     def _restructured(self, experiment: str | None, changes: Mapping[str, Any], say: Callable[[str], None] | None) -> System:
         """This system, or one compiled anew where the run changes structural parameters."""
         structural = {p.name for p in self.model.graph.parameters if p.structural}
-        chosen = next((e for e in self.model.graph.experiments if e.name == experiment), None)
+        experiments = self.model.graph.experiments
+        alone = experiment is None and len(experiments) == 1  # then it is run without being named
+        chosen = next((e for e in experiments if alone or e.name == experiment), None)
         wanted: dict[str, Any] = {}
-        if chosen is not None:
-            wanted = {name: _constant(value) for name, value in chosen.changes.items() if name.partition("[")[0] in structural}
+        if chosen is not None and structural:
+            known = {**self.parameters, **{name: value for name, value in changes.items() if isinstance(value, float | int)}}
+            changed = {name: value for name, value in chosen.changes.items() if name.partition("[")[0] in structural}
+            wanted = {name: evaluate(value, parameters=known) for name, value in changed.items()}
         wanted |= {name: value for name, value in changes.items() if name in structural}
         if not wanted:
             return self
         if say is not None:
             say(f"compiling again for {', '.join(wanted)}")
         return self.model.changed(wanted).compile()
-
-
-def _constant(value: Expr) -> float:
-    return evaluate(value)
 
 
 _SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift")

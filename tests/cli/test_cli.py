@@ -147,3 +147,24 @@ def test_a_file_without_a_model_can_be_checked_but_not_compiled(bgc: Callable[..
     Path("functions.bg").write_text("function twice(x) = 2*x;\n")
     assert bgc("check", "functions.bg").status == 0
     assert "BG609" in bgc("compile", "functions.bg").err
+
+
+SIZED = """
+model Sized
+  parameter Integer n = 2;  parameter Integer m = 2;
+  J1 v[n];  I mass[n](each I = 1, each f(start = 1));  R r[n](each R = 1);
+  experiment many(stopTime = 1, n = 2*m);
+equation
+  for i in 1:n loop v[i] -> mass[i], r[i]; end for;
+end Sized;
+"""
+
+
+@pytest.mark.parametrize(("arguments", "states"), [((), 4), (("-e", "many"), 4), (("-e", "many", "--set", "m=3"), 6)])
+def test_an_experiment_may_change_the_structure_by_other_parameters(
+    bgc: Callable[..., Result], arguments: tuple[str, ...], states: int
+) -> None:
+    Path("sized.bg").write_text(SIZED)
+    result = bgc("simulate", "sized.bg", *arguments, "--format", "json")
+    assert result.status == 0, result.err
+    assert len(json.loads(result.out)["summary"]) == states

@@ -32,6 +32,7 @@ from bgdsl.passes.reduce_index import reduce_index
 from bgdsl.passes.scalar import open_vectors
 from bgdsl.passes.sorting import sort_equations
 from bgdsl.passes.units import check_units
+from bgdsl.passes.weights import weighed
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
@@ -105,12 +106,14 @@ def instantiate(library: Library, model: str | None, overrides: Mapping[str, Val
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A checked model. `graph` is its flat bond graph; `overrides` are the parameters that were set when it was flattened."""
+    """A checked model. `graph` is its flat bond graph; `overrides` are the parameters that were set when it was flattened; `weighed`:
+    terms that a run of it can delete from their balances."""
 
     library: Library
     graph: BondGraph
     overrides: Mapping[str, Value]
     report: Reporter
+    weighed: frozenset[int] = frozenset()
 
     @property
     def name(self) -> str:
@@ -131,7 +134,8 @@ class Model:
 
     @cached_property
     def causal(self) -> CausalGraph:
-        return self._stage(assign_causality, self.scalar)
+        causal = self._stage(assign_causality, self.scalar)
+        return weighed(causal, self.weighed) if self.weighed else causal
 
     @cached_property
     def sorted(self) -> SortedSystem:
@@ -273,9 +277,10 @@ class System:
         chosen = next((e for e in experiments if alone or e.name == experiment), None)
         wanted: dict[str, Any] = {}
         if chosen is not None and structural:
-            known = {**self.parameters, **{name: value for name, value in changes.items() if isinstance(value, float | int)}}
             changed = {name: value for name, value in chosen.changes.items() if name.partition("[")[0] in structural}
-            wanted = {name: evaluate(value, parameters=known) for name, value in changed.items()}
+            if changed:
+                known = {**self.parameters, **{name: value for name, value in changes.items() if isinstance(value, float | int)}}
+                wanted = {name: evaluate(value, parameters=known) for name, value in changed.items()}
         wanted |= {name: value for name, value in changes.items() if name in structural}
         if not wanted:
             return self

@@ -78,6 +78,13 @@ class Term:
     modulus: Expr | None = None
     spot: int = 0
     """The component (from 0) of the element's port."""
+    weight: Expr | None = None
+    """A factor of the term in this balance and nowhere else: a parameter with which a run deletes it (`passes/weights.py`)."""
+
+    @property
+    def balanced(self) -> Expr:
+        """The conjugate as the balance counts it."""
+        return self.conjugate if self.weight is None else self.weight * self.conjugate
 
     @property
     def is_two_port(self) -> bool:

@@ -137,7 +137,7 @@ def _balance(work: _Work, j: int) -> None:
 
 
 def _signed(term: Term, sign: int) -> Expr:
-    return term.conjugate if term.sign == sign else -term.conjugate
+    return term.balanced if term.sign == sign else -term.balanced
 
 
 def _inner(work: _Work, term: Term) -> Expr:

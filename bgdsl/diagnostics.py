@@ -161,6 +161,8 @@ def _render_one(diagnostic: Diagnostic, colour: bool) -> str:
     for group in by_source.values():
         arrow = "-->" if group[0] is diagnostic.primary else ":::"
         lines.append(f"{' ' * width}{paint(arrow, 'rule')} {group[0].span.place}")
+        if not group[0].span.source.text:
+            continue  # nothing to show of an empty file, or of none
         before: int | None = None
         for label in sorted(group, key=lambda label: label.span.start):
             number, column = label.span.source.position(label.span.start)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import StrEnum
+from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +29,10 @@ class TableFormat(StrEnum):
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A .bg file.", show_default=False)]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help=".bg files, or folders of them.", show_default=False)]
 ModelName = Annotated[str | None, typer.Option("--model", "-m", metavar="M", help="The model; needed where the file has several.")]
-Search = Annotated[list[Path] | None, typer.Option("--path", metavar="DIR", help="A folder where imports are looked for; may be repeated.")]
+Search = Annotated[
+    list[Path] | None,
+    typer.Option("--path", metavar="DIR", exists=True, file_okay=False, help="A folder where imports are looked for; may be repeated."),
+]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a parameter; may be repeated.")]
 ExperimentName = Annotated[str | None, typer.Option("--experiment", "-e", metavar="E", help="A named run of the model.")]
 Force = Annotated[bool, typer.Option("--force", metavar="", help="Replace a file that this command did not write.")]
@@ -60,9 +64,12 @@ def _value(text: str) -> Any:
     if text[0] in "{[" and text[-1] in "}]":
         return tuple(_value(part) for part in _parts(text[1:-1]))
     try:
-        return float(text)
+        number = float(text)
     except ValueError:
         return text.strip("\"'")
+    if not isfinite(number):
+        raise typer.BadParameter(f"`{text}` is no finite number", param_hint="--set")
+    return number
 
 
 def _parts(text: str) -> list[str]:
@@ -77,15 +84,18 @@ def _parts(text: str) -> list[str]:
     return [part.strip() for part in parts if part.strip()]
 
 
-def fraction(text: str, hint: str) -> float:
-    """`0.003` or `0.3%` as a fraction of one, not negative."""
+def fraction(text: str, hint: str, most: float = 1.0) -> float:
+    """`0.003` or `0.3%` as a fraction of one, not negative and not above `most`."""
     number, percent = (text[:-1], 0.01) if text.endswith("%") else (text, 1.0)
     try:
         value = float(number) * percent
     except ValueError:
         value = -1.0
-    if not 0 <= value < float("inf"):
+    if not 0 <= value < inf:
         raise typer.BadParameter(f"`{text}` is neither a fraction such as 0.003 nor a percentage such as 0.3%", param_hint=hint)
+    if value > most:
+        meant = "" if text.endswith("%") else f"; did you mean {text}%?"
+        raise typer.BadParameter(f"`{text}` is more than {100 * most:g} %{meant}", param_hint=hint)
     return value
 
 
@@ -104,4 +114,7 @@ def window(text: str | None) -> tuple[float, float] | None:
 
 def names(text: str | None) -> tuple[str, ...] | None:
     """`a,b[1,2],c` as names; commas within brackets belong to the name."""
-    return None if text is None else tuple(_parts(text))
+    found = None if text is None else tuple(_parts(text))
+    if found == ():
+        raise typer.BadParameter(f"`{text}` names nothing; wanted are names with commas between them: x,v.f,spring.q")
+    return found

@@ -10,13 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from bgdsl.diagnostics import Diagnostic, render, to_json
+from bgdsl.diagnostics import Diagnostic, render
 
 debug = False
 """Set by `--debug`: tracebacks are shown."""
-
-as_json = False
-"""Set while a command runs with `--format json`: diagnostics are JSON too."""
 
 
 class RefusedError(Exception):
@@ -61,11 +58,9 @@ def message(text: str) -> None:
 
 
 def diagnostics(found: Iterable[Diagnostic]) -> None:
-    """Findings, on stderr; with `--format json` as one JSON list on stdout."""
+    """Findings, on stderr."""
     found = tuple(found)
-    if as_json:
-        out(to_json(found))
-    elif found:
+    if found:
         message(render(found, colour=colour(sys.stderr)))
 
 

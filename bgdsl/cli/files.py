@@ -14,11 +14,19 @@ def write(path: Path, text: str, *, ours: Callable[[str], bool], force: bool) ->
     """Put `text` at `path` by renaming a temporary file.
 
     An existing file is replaced where `ours` recognises its text, where it holds `text` already, or with `force`.
+    RefusedError where that is not so, or where nothing can be written there.
     """
+    if path.is_dir():
+        raise RefusedError(f"{path} is a folder; name the file to write: {path / 'NAME'}")
     if path.exists() and not force and not ours(_start(path)) and not _holds(path, text):
         raise RefusedError(f"{path} exists and was not written by this command; --force replaces it")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except (FileExistsError, NotADirectoryError) as error:
+        raise RefusedError(f"{path} cannot be written: {error.filename} is a file, not a folder") from error
+    except OSError as error:
+        raise RefusedError(f"{path} cannot be written: {error.strerror}") from error
     try:
         with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
             file.write(text)

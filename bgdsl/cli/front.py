@@ -12,15 +12,15 @@ import typer
 from bgdsl.cli import arguments as arg
 from bgdsl.cli import console
 from bgdsl.cli.app import app
-from bgdsl.diagnostics import BgError, Diagnostic, Reporter
+from bgdsl.diagnostics import BgError, Diagnostic, Reporter, to_json
 
 
 def sources(paths: Iterable[Path]) -> Iterator[Path]:
-    """The files named, and every `.bg` file in the folders named, in order of name."""
+    """The files named, and every `.bg` file in the folders named, in order of name. RefusedError for a folder without one."""
     for path in paths:
         found = sorted(path.rglob("*.bg")) if path.is_dir() else [path]
         if not found:
-            console.message(f"there is no .bg file in {path}")
+            raise console.RefusedError(f"there is no .bg file in the folder {path}")
         yield from found
 
 
@@ -36,13 +36,13 @@ def check(
     from bgdsl import pipeline
 
     found: list[Diagnostic] = []
-    for file in sources(files):
+    for file in list(sources(files)):
         found += pipeline.check_file(file, model=model, search=path or (), overrides=arg.settings(set_))
-    console.as_json = format is arg.Format.JSON
-    console.diagnostics(found)
-    console.as_json = False
     errors = sum(d.severity == "error" for d in found)
-    if format is arg.Format.TEXT and found:
+    if format is arg.Format.JSON:
+        console.out(to_json(found))
+    elif found:
+        console.diagnostics(found)
         console.message(f"\n{errors} error{'s' * (errors != 1)}, {len(found) - errors} warning{'s' * (len(found) - errors != 1)}")
     return 2 if errors else 0
 
@@ -58,7 +58,7 @@ def fmt(
     from bgdsl.cli.files import write
 
     states: dict[Path, str] = {}
-    for file in sources(files):
+    for file in list(sources(files)):
         found = _formatted(file)
         if found is None:
             states[file] = "unreadable"
@@ -139,10 +139,7 @@ def explain(
         return 0
     text = explanation(code.upper())
     if text is None:
-        close = difflib.get_close_matches(code.upper(), titles(), n=3)
-        hint = f"; close to it are {', '.join(close)}" if close else "; `bgc explain` lists all codes"
-        console.message(f"error: there is no code {code}{hint}")
-        return 2
+        raise typer.BadParameter(f"there is no code {code}; `bgc explain` lists all codes", param_hint="CODE")
     if as_json:
         console.out_json({"code": code.upper(), "title": titles()[code.upper()], "text": text})
     else:

@@ -133,7 +133,7 @@ def condition(
     if sum(given is not None for given in (threshold, max_error, keep)) != 1:
         raise typer.BadParameter("say what may fall: one of --threshold 0.3%, --max-error 8%, --keep 98%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold") if threshold else 0.0
-    allowed = arg.fraction(max_error, "--max-error") if max_error else None
+    allowed = arg.fraction(max_error, "--max-error", most=1e3) if max_error else None
     found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
     if allowed is not None:
         return _searched(found, allowed, output, arg.names(outputs), shaft, guard, force, format)

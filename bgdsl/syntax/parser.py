@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 
 from bgdsl.collecting import uncollected
-from bgdsl.diagnostics import Reporter
+from bgdsl.diagnostics import Reporter, did_you_mean
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast, errors
 from bgdsl.syntax.builder import TreeBuilder
@@ -45,9 +45,10 @@ def read_source(path: Path | str, report: Reporter) -> Source:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        report.fail(errors.UNREADABLE, f"there is no file `{name}`", nowhere, "looked for here")
+        beside = did_you_mean(path.name, (other.name for other in path.parent.glob("*.bg")))
+        report.fail(errors.UNREADABLE, f"there is no file `{name}`", nowhere, "looked for here", helps=beside)
     except IsADirectoryError:
-        report.fail(errors.UNREADABLE, f"`{name}` is a folder, not a file", nowhere)
+        report.fail(errors.UNREADABLE, f"`{name}` is a folder, not a file", nowhere, helps=("name one of its files",))
     except (OSError, ValueError) as problem:
         report.fail(errors.UNREADABLE, f"`{name}` cannot be read: {getattr(problem, 'strerror', None) or problem}", nowhere)
     try:

@@ -67,6 +67,18 @@ def test_as_a_module() -> None:
         ("show", LEVER, "--what", "colours"),
         ("show", LEVER, "--model", "Leverr"),
         ("explain", "BG999"),
+        ("check", "empty"),
+        ("fmt", "empty"),
+        ("check", LEVER, "--path", "nowhere"),
+        ("check", LEVER, "--set", "mA=nan"),
+        ("simulate", LEVER, "--vars", ""),
+        ("compile", LEVER, "-o", "empty"),
+        ("compile", LEVER, "-o", "notes.txt/lever.py"),
+        ("compile", LEVER, "-o", "/proc/lever.py"),
+        ("condition", LEVER, "--threshold", "5", "-o", "out.bg"),
+        ("condition", LEVER, "--keep", "150%", "-o", "out.bg"),
+        ("partition", LEVER, "--threshold", "100%", "-o", "notes.txt"),
+        ("test", "-k", "zzz", LEVER),
         ("nonsense",),
     ],
     ids=" ".join,
@@ -74,11 +86,25 @@ def test_as_a_module() -> None:
 def test_what_cannot_be_done_says_so(bgc: Callable[..., Result], arguments: tuple[str, ...], tmp_path: Path) -> None:
     if arguments == ("check", "."):
         Path("broken.bg").write_text("model")
+    Path("empty").mkdir()
+    Path("notes.txt").write_text("notes\n")
     before = sorted(tmp_path.iterdir())
     result = bgc(*arguments)
     assert result.status == 2
     assert result.err.strip() and "Traceback" not in result.err
     assert sorted(tmp_path.iterdir()) == before, "no half-written file"
+
+
+def test_a_misspelt_file_is_found_by_its_neighbours(bgc: Callable[..., Result]) -> None:
+    Path("lever.bg").write_text("model A\n  J1 v;\nend A;\n")
+    message = bgc("show", "levr.bg").err
+    assert "did you mean `lever.bg`?" in message and "|" not in message, "there is no line to show"
+
+
+def test_what_cannot_be_written_is_named_as_the_user_named_it(bgc: Callable[..., Result]) -> None:
+    assert "/proc/lever.py cannot be written" in bgc("compile", LEVER, "-o", "/proc/lever.py").err
+    Path("notes.txt").write_text("notes\n")
+    assert "notes.txt is a file, not a folder" in bgc("compile", LEVER, "-o", "notes.txt/lever.py").err
 
 
 def test_check_reports_as_json(bgc: Callable[..., Result], tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ Reports      BG620 the initial equations cannot be solved, BG621 a start value i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from bgdsl.diagnostics import Code, Reporter, listed
 from bgdsl.expr import to_text
 from bgdsl.ir.program import Program, SolveNewton, Step
 from bgdsl.simulate.direct import StepFailureError, Steps, Tape
+from bgdsl.simulate.once import once_for_program
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,7 +39,7 @@ def initial_state(program: Program, parameters: Mapping[str, float], inputs: Map
     values: dict[str, float] = {**parameters, **inputs}
     if program.initial_steps:
         _solve(program, values, time, report)
-    numbers = Tape(program.starts, program.tables)(values, time)
+    numbers = _starts(program)(values, time)
     for record, number, start, origin in zip(program.states, numbers, program.starts, program.derivative_origins, strict=True):
         if not math.isfinite(number):
             report.add(NO_START, f"`{record.name}` cannot start at {number}: {to_text(start)[:80]}", origin.span, f"`{record.name}`")
@@ -47,6 +48,19 @@ def initial_state(program: Program, parameters: Mapping[str, float], inputs: Map
     _check_dependent(program, values, time, report)
     report.stop_if_errors()
     return np.array(numbers, dtype=float)
+
+
+@once_for_program
+def _starts(program: Program) -> Tape:
+    return Tape(program.starts, program.tables)
+
+
+@once_for_program
+def _must(program: Program) -> tuple[Sequence[str], Steps, Tape]:
+    """The dependent storages with starts: their names, the steps that their values read, and value and start of each in turn."""
+    given = [(name, value, start) for name, value, start in program.dependent if start is not None]
+    steps = Steps(program.needed([value for _, value, _ in given]), program.tables)
+    return [name for name, _, _ in given], steps, Tape([each for _, value, start in given for each in (value, start)], program.tables)
 
 
 def _solve(program: Program, values: dict[str, float], time: float, report: Reporter) -> None:
@@ -78,14 +92,13 @@ def _residual_notes(step: Step, residual: float) -> tuple[str, ...]:
 
 def _check_dependent(program: Program, values: Mapping[str, float], time: float, report: Reporter) -> None:
     """Dependent starts are compared with what the states make of them; steps that those read are carried out first."""
-    given = [(name, value, start) for name, value, start in program.dependent if start is not None]
-    if not given:
+    names, steps, tape = _must(program)
+    if not names:
         return
     values = dict(values)
-    Steps(program.needed([value for _, value, _ in given]), program.tables)(values, time)
-    tape = Tape([expression for _, value, start in given for expression in (value, start)], program.tables)
+    steps(values, time)
     numbers = iter(tape(values, time))
-    for name, _, _ in given:
+    for name in names:
         must, start = next(numbers), next(numbers)
         if not abs(start - must) <= AGREEMENT * max(1.0, abs(must)):
             report.add(

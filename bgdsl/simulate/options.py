@@ -10,18 +10,19 @@ Reports      BG610 no such experiment, BG611 no such parameter, BG612 a paramete
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
+from bgdsl.diagnostics import BgError, Code, Reporter, did_you_mean, listed
 from bgdsl.expr import Expr, evaluate, leaves
 from bgdsl.ir.graph import Experiment, Parameter
-from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Program
 from bgdsl.simulate.methods import DEFAULT, METHODS
+from bgdsl.simulate.once import once_for_program
 from bgdsl.source import Source, Span
 
 NO_EXPERIMENT = Code("BG610", "the experiment is not there, or not clear")
@@ -197,22 +198,71 @@ def _check(options: Options, report: Reporter) -> None:
 
 def parameter_values(program: Program, chosen: Experiment | None, changes: Mapping[str, Value], report: Reporter) -> dict[str, float]:
     """Every scalar parameter's value: as changed by the caller, else by the experiment, else its default, which may read others."""
+    declared = _declared(program)
+    owner = declared.owner
+    changed = _changed(program, chosen, changes, owner, report)
+    report.stop_if_errors()
+    affected = declared.affected(changed)
+    known = {} if affected is None else {name: value for name, value in declared.values.items() if name not in affected}
+    values = _evaluated({**declared.formulas, **changed}, known, owner, report)
+    report.stop_if_errors()
+    _check_structural(program, changed, values, owner, report)
+    _check_bounds(program.parameters if affected is None else declared.bounded(affected), values, report)
+    report.stop_if_errors()
+    return {name: values[name] for name in owner}
+
+
+@dataclass(frozen=True, slots=True)
+class _Declared:
+    """A program's scalar parameters as declared: formulas, who owns them, their values (empty where something is wrong with
+    these), and by name the scalars that read it and the parameters whose bounds do."""
+
+    formulas: Mapping[str, Expr | float]
+    owner: Mapping[str, Parameter]
+    values: Mapping[str, float]
+    readers: Mapping[str, Sequence[str]]
+    bounds: Mapping[str, Sequence[Parameter]]
+
+    def affected(self, changed: Iterable[str]) -> set[str] | None:
+        """The scalars whose values may be others than declared when these are changed; None: look at all."""
+        if not self.values:
+            return None
+        found: set[str] = set()
+        open_ = list(changed)
+        while open_:
+            name = open_.pop()
+            if name not in found:
+                found.add(name)
+                open_ += self.readers.get(name, ())
+        return found
+
+    def bounded(self, affected: set[str]) -> Iterable[Parameter]:
+        """The parameters whose values or bounds may be others than declared."""
+        found = {self.owner[name].name: self.owner[name] for name in self.owner if name in affected}
+        return (found | {p.name: p for name in affected for p in self.bounds.get(name, ())}).values()
+
+
+@once_for_program
+def _declared(program: Program) -> _Declared:
     formulas: dict[str, Expr | float] = {}
     owner: dict[str, Parameter] = {}
+    readers: dict[str, list[str]] = defaultdict(list)
+    bounds: dict[str, list[Parameter]] = defaultdict(list)
     for parameter in program.parameters:
         names = parameter.scalars() if parameter.shape else (parameter.name,)
         for name, default in zip(names, parameter.values, strict=True):
             formulas[name] = default.data if default.op == "const" else default
             owner[name] = parameter
-    changed = _changed(program, chosen, changes, owner, report)
-    report.stop_if_errors()
-    formulas.update(changed)
-    values = _evaluated(formulas, owner, report)
-    report.stop_if_errors()
-    _check_structural(program, changed, values, owner, report)
-    _check_bounds(program, values, report)
-    report.stop_if_errors()
-    return {name: values[name] for name in owner}
+            for leaf in leaves((default,), "param"):
+                readers[leaf.data].append(name)
+        for leaf in leaves((*(parameter.low or ()), *(parameter.high or ())), "param"):
+            bounds[leaf.data].append(parameter)
+    quiet = Reporter()
+    values: Mapping[str, float] = {}
+    with suppress(BgError):
+        values = _evaluated(formulas, {}, owner, quiet)
+        _check_bounds(program.parameters, values, quiet)
+    return _Declared(formulas, owner, {} if quiet.diagnostics else values, readers, bounds)
 
 
 def _changed(
@@ -275,13 +325,17 @@ def _number(name: str, value: Any, parameter: Parameter, report: Reporter) -> fl
         return math.nan
 
 
-def _evaluated(formulas: Mapping[str, Expr | float], owner: Mapping[str, Parameter], report: Reporter) -> dict[str, float]:
-    """The formulas' values, each after those that it reads; a circle among changed ones is reported."""
-    values: dict[str, float] = {}
+def _evaluated(
+    formulas: Mapping[str, Expr | float], known: Mapping[str, float], owner: Mapping[str, Parameter], report: Reporter
+) -> dict[str, float]:
+    """The formulas' values, each after those that it reads, the known ones as they are; a circle among changed ones is reported."""
+    values = dict(known)
     open_: set[str] = set()
-    for root, known in formulas.items():
-        if isinstance(known, float):
-            values[root] = known
+    for root, number in formulas.items():
+        if root in values:
+            continue
+        if isinstance(number, float):
+            values[root] = number
             continue
         stack = [root]
         while stack:
@@ -337,8 +391,8 @@ def _check_structural(
             )
 
 
-def _check_bounds(program: Program, values: Mapping[str, float], report: Reporter) -> None:
-    for parameter in program.parameters:
+def _check_bounds(parameters: Iterable[Parameter], values: Mapping[str, float], report: Reporter) -> None:
+    for parameter in parameters:
         if (
             parameter.low is parameter.high is None
             and not parameter.integer
@@ -361,8 +415,8 @@ def _check_bounds(program: Program, values: Mapping[str, float], report: Reporte
                         report.add(BAD_VALUE, message, parameter.origin.span, "declared here")
 
 
-def parameter_array(program: Program, values: Mapping[str, float]) -> Any:
-    """The parameters as the array that `CompiledModel.set_parameters` takes."""
+def parameter_array(values: Mapping[str, float]) -> Any:
+    """All parameters, in order, as the array that `CompiledModel.set_parameters` takes."""
     import numpy as np
 
-    return np.array([values[name] for name in parameter_names(program)], dtype=float)
+    return np.fromiter(values.values(), float, len(values))

@@ -76,6 +76,8 @@ class MemorySink:
 
         if not self._times:
             return np.zeros(0), np.zeros((0, self._count))
+        if len(self._times) == 1:
+            return self._times[0], self._values[0]
         return np.concatenate(self._times), np.concatenate(self._values)
 
 

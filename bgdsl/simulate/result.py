@@ -101,7 +101,7 @@ class Run:
         ]
         for regime, first, last in zip(self._regimes, bounds, bounds[1:], strict=False):
             if first < last:
-                regime.model.set_parameters(parameter_array(model.program, trajectory.parameters))
+                regime.model.set_parameters(parameter_array(trajectory.parameters))
                 kernel = regime.kernel(expressions)
             for k in range(first, last):
                 t = float(trajectory.time[k])

@@ -70,7 +70,7 @@ def simulate(
     inputs = input_signals([record.name for record in program.inputs], options.inputs, options.start, options.stop, report)
     if not options.step_given:  # not over a pulse that a recording holds
         options = replace(options, max_step=min(options.max_step, inputs.spacing))
-    model.set_parameters(parameter_array(program, options.parameters))
+    model.set_parameters(parameter_array(options.parameters))
     u0 = dict(zip((record.name for record in program.inputs), inputs(options.start).tolist(), strict=True))
     x0 = start if start is not None else initial_state(program, options.parameters, u0, options.start, report)
     grid = Grid(options.start, options.stop, options.interval)

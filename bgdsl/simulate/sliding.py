@@ -177,7 +177,7 @@ class Modes:
         import numpy as np
 
         self.held, self.model = _held(model, switches)
-        self.model.set_parameters(parameter_array(self.model.program, options.parameters))
+        self.model.set_parameters(parameter_array(options.parameters))
         count = len(switches)
         self.inputs = SwitchSignals(inputs, count, options.start, options.stop)
         self._options = options

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.simulate.kernels.lu import Factors
@@ -26,47 +27,59 @@ class SparseLU:
     def __init__(self, pointers: Ints, rows: Ints, matrix_values: tuple[Floats, float] | None = None):
         import numpy as np
 
-        n, entries = len(pointers) - 1, len(rows)
-        columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(pointers))
-        pattern = [{j, *rows[pointers[j] : pointers[j + 1]].tolist()} for j in range(n)]
+        n = len(pointers) - 1
         if matrix_values is None:
-            row_order = column_order = np.array(elimination_order(pattern), dtype=np.int32)
+            pattern = _diagonal_pattern(pointers.tobytes(), rows.tobytes())
         else:
-            row_order, column_order = _pivoted_order(pointers, rows, *matrix_values)
-        inverse = np.empty(n, dtype=np.int32)
-        inverse[row_order] = np.arange(n)
-        lower, upper = _fill([[int(inverse[row]) for row in pattern[j]] for j in column_order])
-        self._arrays: list[Any] = []
-        starts, permuted_rows, sources = _permuted(columns, rows, inverse, column_order, n)
-        record = Factors()
-        record.n, record.entries = n, entries
-        for name, array in (
-            ("row_order", row_order),
-            ("column_order", column_order),
-            ("matrix_starts", starts),
-            ("matrix_rows", permuted_rows),
-            ("matrix_from", sources),
-            ("lower_starts", lower[0]),
-            ("lower_rows", lower[1]),
-            ("upper_starts", upper[0]),
-            ("upper_rows", upper[1]),
-        ):
-            setattr(record, name, self._keep(array.astype(np.int32)))
-        for name, size in (("lower", len(lower[1])), ("upper", len(upper[1])), ("pivots", n), ("work", n)):
-            setattr(record, name, self._keep(np.zeros(max(1, size))))
-        self.record = record
-        self.fill = len(lower[1]) + len(upper[1]) + n
+            pattern = _pattern(pointers, rows, *_pivoted_order(pointers, rows, *matrix_values))
+        below, above = len(pattern["lower_rows"]), len(pattern["upper_rows"])
+        numbers = {name: np.zeros(max(1, size)) for name, size in (("lower", below), ("upper", above), ("pivots", n), ("work", n))}
+        self._arrays: dict[str, Any] = {**pattern, **numbers}
+        self.record = Factors(n=n, entries=len(rows), **{name: array.ctypes.data for name, array in self._arrays.items()})
+        self.fill = below + above + n
 
     @property
     def address(self) -> int:
         return ctypes.addressof(self.record)
 
-    def _keep(self, array: Any) -> int:
-        import numpy as np
 
-        array = np.ascontiguousarray(array)
-        self._arrays.append(array)
-        return int(array.ctypes.data)
+@lru_cache(maxsize=16)
+def _diagonal_pattern(pointers: bytes, rows: bytes) -> Mapping[str, Ints]:
+    """The pattern with pivots on the diagonal, kept for the next run of the model."""
+    import numpy as np
+
+    starts, entries = np.frombuffer(pointers, dtype=np.int32), np.frombuffer(rows, dtype=np.int32)
+    order = np.array(elimination_order(_columns(starts, entries)), dtype=np.int32)
+    return _pattern(starts, entries, order, order)
+
+
+def _columns(pointers: Ints, rows: Ints) -> list[set[int]]:
+    """The rows of each column of I - gamma J."""
+    return [{j, *rows[pointers[j] : pointers[j + 1]].tolist()} for j in range(len(pointers) - 1)]
+
+
+def _pattern(pointers: Ints, rows: Ints, row_order: Any, column_order: Any) -> Mapping[str, Ints]:
+    """The arrays of `Factors` that the order of pivots decides."""
+    import numpy as np
+
+    n = len(pointers) - 1
+    inverse = np.empty(n, dtype=np.int32)
+    inverse[row_order] = np.arange(n)
+    columns = _columns(pointers, rows)
+    lower, upper = _fill([[int(inverse[row]) for row in columns[j]] for j in column_order])
+    starts, permuted_rows, sources = _permuted(np.repeat(np.arange(n, dtype=np.int32), np.diff(pointers)), rows, inverse, column_order, n)
+    arrays = {
+        "row_order": row_order,
+        "column_order": column_order,
+        "matrix_starts": starts,
+        "matrix_rows": permuted_rows,
+        "matrix_from": sources,
+        "lower_starts": lower[0],
+        "lower_rows": lower[1],
+        "upper_starts": upper[0],
+        "upper_rows": upper[1],
+    }
+    return {name: np.ascontiguousarray(array, dtype=np.int32) for name, array in arrays.items()}
 
 
 def elimination_order(pattern: Sequence[set[int]]) -> list[int]:

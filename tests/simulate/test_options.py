@@ -103,3 +103,21 @@ def test_what_drives_a_model_bounds_its_steps() -> None:
     assert longest(driven, interval=0.005) == 0.005 and longest(driven, interval=1e-6) == 0.002
     assert longest(driven, max_step=3.0) == 3.0, "what the caller says holds"
     assert longest(PROGRAM) == float("inf")
+
+
+def test_bounds_follow_what_they_read() -> None:
+    bounded = Parameter("length", (), (const(1.0),), HERE, high=(param("limit"),))
+    program = make_program({"x": (1.0, 0.0)}, parameters={"reach": 2.0, "limit": 2.0 * param("reach")}, more_parameters=(bounded,))
+    assert resolve_options(program, changes={"reach": 0.5}, report=Reporter()).parameters["limit"] == 1.0
+    with pytest.raises(BgError, match="above its max of 0.8"):
+        resolve_options(program, changes={"reach": 0.4}, report=Reporter())
+
+
+def test_what_is_wrong_as_declared_may_be_put_right_by_a_run() -> None:
+    ratio = Parameter("ratio", (), (const(1.0) / param("teeth"),), HERE)
+    program = make_program({"x": (1.0, 0.0)}, parameters={"teeth": 0.0}, more_parameters=(ratio,))
+    with pytest.raises(BgError, match="`ratio` has no value"):
+        resolve_options(program, report=Reporter())
+    assert resolve_options(program, changes={"teeth": 4.0}, report=Reporter()).parameters["ratio"] == 0.25
+    with pytest.raises(BgError, match="`ratio` has no value"):
+        resolve_options(program, report=Reporter())

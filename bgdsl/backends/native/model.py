@@ -67,6 +67,7 @@ class NativeKernel:
         self.tape = tape
         self.code = code
         self.size = code.size
+        self.status = 0
         self._context = context
         self._loaded = Loaded(machine_code(code.text, level))
         self.address = self._loaded.address("f")
@@ -81,8 +82,11 @@ class NativeKernel:
         for place, address in enumerate((*addresses, self._plan.ctypes.data)):
             context[FIRST + POINTERS * slot + place] = address
 
-    def set_parameters(self, values: Sequence[float]) -> int:
-        """Compute the constants; the number (from 1) of a step that cannot be solved, or 0. Then results are NaN."""
+    def set_parameters(self, values: Sequence[float]) -> None:
+        """Compute the constants. `status` is 0 then, or the number (from 1) of a step that cannot be solved, and results are NaN."""
+        self.status = self._computed(values)
+
+    def _computed(self, values: Sequence[float]) -> int:
         results: list[Any] = [math.nan] * len(self.tape.ops)
         try:
             interpret(self.tape, self._order, results, values)
@@ -148,9 +152,13 @@ class NativeModel:
 
     def set_parameters(self, values: Floats) -> int:
         """Take new values of all scalar parameters and forget where iterations ended."""
-        self._values = [float(value) for value in values]
+        new = [float(value) for value in values]
         self._warm[:] = math.nan
-        return max((kernel.set_parameters(self._values) for kernel in self._kernels), default=0)
+        if new != self._values:
+            self._values = new
+            for kernel in self._kernels:
+                kernel.set_parameters(new)
+        return max((kernel.status for kernel in self._kernels), default=0)
 
     @cached_property
     def rhs(self) -> NativeKernel:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bgdsl import pipeline
-from bgdsl.diagnostics import BgError, Code, Reporter
+from bgdsl.diagnostics import BgError, Code, Reporter, did_you_mean, listed
 from bgdsl.playback import Played, as_played, at, played
 from bgdsl.reduce import Measured, Reduced, Scenario, condition, measure, partition
 from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output
@@ -55,19 +55,23 @@ def compare(
     cycles: int = 4,
     revolutions: float = 2.0,
 ) -> Comparison:
-    """Output by output, over the window, at the full run's times. shaft: the name of an output that is a shaft's angle (rad)."""
+    """Output by output, over the window, at the full run's times. shaft: the name of an output that is a shaft's angle (rad).
+
+    BgError (BG743) where an output named, or any at all, is not in both.
+    """
     import numpy as np
 
+    for wanted in (*(outputs or ()), *([shaft] if shaft else ())):
+        _check_common(wanted, full, reduced)
     names = [name for name in full.signals if name in reduced.signals and (outputs is None or name in _spread(full, outputs))]
     start, stop = window or (full.time[0], full.time[-1])
     inside = (full.time >= start) & (full.time <= min(stop, reduced.time[-1]))
     time = full.time[inside]
     if not names or len(time) < 2:
-        place = Span(Source("<command line>", reduced.name), 0, len(reduced.name))
         Reporter().fail(
             NOTHING_TO_COMPARE,
             f"`{full.name}` and `{reduced.name}` have no output in common over the window",
-            place,
+            _said(reduced.name),
             notes=(f"the full model has {', '.join(list(full.signals)[:8])}", f"the reduced one {', '.join(list(reduced.signals)[:8])}"),
         )
     shafts = None
@@ -90,8 +94,22 @@ def compare(
     return Comparison(full, reduced, tuple(rows))
 
 
-def _spread(full: Played, outputs: Sequence[str]) -> set[str]:
-    return {name for name in full.signals for wanted in outputs if name == wanted or name.startswith(f"{wanted}[")}
+def _said(text: str) -> Span:
+    """A place in what the caller wrote."""
+    return Span(Source("<command line>", text), 0, len(text))
+
+
+def _check_common(wanted: str, full: Played, reduced: Played) -> None:
+    """BG743 where an output that was named is not recorded in both runs."""
+    for played in (full, reduced):
+        if not _spread(played, (wanted,)):
+            helps = did_you_mean(wanted, played.signals) or (f"it has {listed(played.signals)}",)
+            Reporter().fail(NOTHING_TO_COMPARE, f"`{played.name}` has no output `{wanted}`", _said(wanted), helps=helps)
+
+
+def _spread(played: Played, outputs: Sequence[str]) -> set[str]:
+    """The scalars recorded of the outputs named."""
+    return {name for name in played.signals for wanted in outputs if name == wanted or name.startswith(f"{wanted}[")}
 
 
 # ---------------------------------------------------------------------------------------------------------------- verify
@@ -226,13 +244,18 @@ def verify_reduced(path: Path, scenario: Scenario, *, full: Path | None = None, 
 # -------------------------------------------------------------------------------------------------------------- accuracy
 
 
-def measured_accuracy(reduced: Reduced, file: Path) -> Comparison:
-    """The reduced model beside the full one along the run that it was made from: a threshold bounds no error by itself."""
+def measured_accuracy(reduced: Reduced, file: Path) -> Comparison | None:
+    """The reduced model beside the full one along the run that it was made from: a threshold bounds no error by itself.
+
+    Where the model has no outputs, by the states that both have; None where no such state is left.
+    """
     measured = reduced.measured
     small = pipeline.load_source(Source(file.name, reduced.source, file), measured.model.name)
     again = replace(measured.scenario, parameters=None)  # changed parameters are the reduced model's defaults
-    names = measured.run.trajectory.names
-    run = played(file.name, small, again, names if not measured.model.program.outputs else None)
+    names = None if measured.model.program.outputs else [n for n in measured.run.trajectory.names if n in small.program.values]
+    if names == []:
+        return None
+    run = played(file.name, small, again, names)
     return compare(as_played(measured.model.name, measured.model, measured.run), run, window=measured.report.window)
 
 
@@ -264,6 +287,8 @@ def smallest(
     if outputs is not None and shaft is not None:
         outputs = (*outputs, shaft)
     full = played(model.name, model, scenario, outputs)
+    if shaft is not None:
+        _check_common(shaft, full, full)
     made: dict[float, Reduced] = {}
     scenario = replace(scenario, parameters=None)  # changed parameters are the reduced model's defaults
 

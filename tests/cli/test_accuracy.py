@@ -46,3 +46,16 @@ def test_the_full_model_is_nowhere(reduced: Path, capsys: pytest.CaptureFixture[
 def test_nothing_to_compare(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("other.bg").write_text("model Other J1 a; I b(I = 1); R c(R = 1); experiment kick(stopTime = 5); equation a -> b, c; end Other;")
     assert refused(capsys, "BG743", "compare", "lever_stiff.bg", "other.bg", "-e", "kick")
+
+
+def test_an_output_that_is_not_there(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option in ("--outputs", "--shaft"):
+        assert refused(capsys, "BG743", "compare", "lever_stiff.bg", str(reduced), "-e", "kick", option, "massA.p,massC.p")
+    assert refused(capsys, "BG743", "condition", "lever_stiff.bg", "-e", "kick", "--max-error", "9%", "--shaft", "crank", "-o", "x.bg")
+    assert not Path("x.bg").exists()
+
+
+@pytest.mark.parametrize("limit", [("--threshold", "100%"), ("--keep", "0")], ids=" ".join)
+def test_states_that_fall_are_not_compared(reduced: Path, capsys: pytest.CaptureFixture[str], limit: tuple[str, str]) -> None:
+    assert run(["condition", "lever_stiff.bg", "-e", "kick", *limit, "-o", "small.bg"]) == 0
+    assert "massA.p" in capsys.readouterr().out

@@ -101,10 +101,10 @@ def _said(text: str) -> Span:
 
 def _check_common(wanted: str, full: Played, reduced: Played) -> None:
     """BG743 where an output that was named is not recorded in both runs."""
-    for played in (full, reduced):
-        if not _spread(played, (wanted,)):
-            helps = did_you_mean(wanted, played.signals) or (f"it has {listed(played.signals)}",)
-            Reporter().fail(NOTHING_TO_COMPARE, f"`{played.name}` has no output `{wanted}`", _said(wanted), helps=helps)
+    for run in (full, reduced):
+        if not _spread(run, (wanted,)):
+            helps = did_you_mean(wanted, run.signals) or (f"it has {listed(run.signals)}",)
+            Reporter().fail(NOTHING_TO_COMPARE, f"`{run.name}` has no output `{wanted}`", _said(wanted), helps=helps)
 
 
 def _spread(played: Played, outputs: Sequence[str]) -> set[str]:

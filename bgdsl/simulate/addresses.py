@@ -44,9 +44,10 @@ class Addresses:
 
         n = len(self._model.program.states)
         link = Link(n=n, context=self._model.context, rhs=self.call(self._model.rhs), trouble_state=self.keep(np.zeros(n)))
-        link.inputs, link.pieces = inputs.count, max(0, len(inputs.breaks) - 1)
-        link.breaks, link.coefficients = self.keep(inputs.breaks), self.keep(inputs.coefficients)
-        link.u = self.keep(np.zeros(max(1, inputs.count)))
+        link.signals, link.with_rates, link.constants = inputs.signals, inputs.with_rates, len(inputs.settings)
+        link.pieces = max(0, len(inputs.breaks) - 1)
+        link.breaks, link.values, link.slopes = (self.keep(array) for array in (inputs.breaks, inputs.values, inputs.slopes))
+        link.settings, link.u = self.keep(inputs.settings), self.keep(np.zeros(max(1, inputs.count)))
         self._kept.append(link)
         return link
 

@@ -60,7 +60,7 @@ class CvodeStepper:
             self.link.events = self.addresses.call(events)
         if method.jacobian:
             self.link.jacobian = self.addresses.call(model.jacobian)
-            self.link.values = self.addresses.keep(np.zeros(max(1, model.jacobian.size)))
+            self.link.entries = self.addresses.keep(np.zeros(max(1, model.jacobian.size)))
             self._lu = SparseLU(*model.pattern)
             self.link.factors = self._lu.address
         lib = self._library
@@ -218,7 +218,7 @@ class CvodeStepper:
 
     def _pivot_anew(self) -> None:
         link = self.link
-        values = array_at(link.values, self._model.jacobian.size)
+        values = array_at(link.entries, self._model.jacobian.size)
         try:
             self._lu = SparseLU(*self._model.pattern, (values.copy(), link.gamma))
         except RuntimeError as error:  # singular even with pivoting

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
+from bgdsl.simulate.kernels import splines
+from bgdsl.simulate.kernels.compiler import KERNELS
 from bgdsl.source import Source, Span
 
 if TYPE_CHECKING:
@@ -25,42 +27,49 @@ TOO_SHORT = Code("BG617", "a recorded input does not cover the run")
 
 
 class InputSignals:
-    """The inputs u (m,) at any time of the run, as piecewise cubics on common breakpoints.
+    """The inputs u at any time of the run: m signals, piecewise cubics on common breakpoints; where asked for (`with_rates`) their
+    derivatives; then `settings`, which stay as they are until they are changed.
 
-    breaks: (k + 1,) times; coefficients: (k, 4, m), highest power first, in t - breaks[i]. Without inputs both are empty.
-    spacing: the longest time (s) that an integrator may step over without missing what the inputs do.
+    breaks: (k,) times; values, slopes: (k, m), those of the signals and of their derivatives there. Without signals m and k are 0.
     """
 
-    def __init__(self, breaks: Floats, coefficients: Floats, spacing: float = math.inf):
+    def __init__(self, breaks: Floats, values: Floats, slopes: Floats, settings: Floats, *, with_rates: bool = False):
         import numpy as np
 
-        self.spacing = spacing
-
-        self.breaks = np.ascontiguousarray(breaks)
-        self.coefficients = np.ascontiguousarray(coefficients)
-        self._none = np.zeros(0)
+        self.breaks, self.values, self.slopes, self.settings = (np.ascontiguousarray(a) for a in (breaks, values, slopes, settings))
+        self.with_rates = with_rates
+        self.signals = int(values.shape[1])
+        self.count = self.signals * (2 if with_rates else 1) + len(settings)
         self._np = np
 
     @property
-    def count(self) -> int:
-        return int(self.coefficients.shape[2]) if self.coefficients.size else 0
+    def spacing(self) -> float:
+        """The longest time (s) that an integrator may step over without missing what the inputs do."""
+        return _feature(self.breaks, self.values) if self.signals else math.inf
 
     def __call__(self, t: float) -> Floats:
-        if not self.coefficients.size:
-            return self._none
+        u: Floats = self._np.empty(self.count)
+        m = self.signals
+        u[self.count - len(self.settings) :] = self.settings
+        if not m:
+            return u
         i = int(self._np.searchsorted(self.breaks, t, side="right")) - 1
         i = min(max(i, 0), len(self.breaks) - 2)
-        d = t - self.breaks[i]
-        a, b, c, e = self.coefficients[i]
-        values: Floats = ((a * d + b) * d + c) * d + e
-        return values
+        h = self.breaks[i + 1] - self.breaks[i]
+        p = (t - self.breaks[i]) / h
+        q = 1.0 - p
+        y, s = self.values[i : i + 2], self.slopes[i : i + 2]
+        u[:m] = q * q * (1.0 + 2.0 * p) * y[0] + p * p * (1.0 + 2.0 * q) * y[1] + h * p * q * (q * s[0] - p * s[1])
+        if self.with_rates:
+            u[m : 2 * m] = 6.0 * p * q / h * (y[1] - y[0]) + q * (1.0 - 3.0 * p) * s[0] + p * (1.0 - 3.0 * q) * s[1]
+        return u
 
 
 def no_inputs() -> InputSignals:
     """For models without inputs."""
     import numpy as np
 
-    return InputSignals(np.zeros(0), np.zeros((0, 4, 0)))
+    return InputSignals(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
 
 
 def input_signals(
@@ -90,7 +99,6 @@ def _place(text: str) -> Span:
 
 def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start: float, stop: float, report: Reporter) -> InputSignals:
     import numpy as np
-    from scipy.interpolate import CubicSpline
 
     where = _place(place)
     missing = [name for name in ("time", *names) if name not in columns]
@@ -115,9 +123,18 @@ def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start
             where,
             notes=("inputs are interpolated, never extrapolated",),
         )
-    boundary = "not-a-knot" if len(time) > 3 else "natural"
-    spline = CubicSpline(time, values, bc_type=boundary)
-    return InputSignals(time, spline.c.transpose(1, 0, 2), _feature(time, values))
+    return InputSignals(time, values, spline_slopes(time, values), np.zeros(0))
+
+
+def spline_slopes(time: Floats, values: Floats) -> Floats:
+    """The slopes (k, m) at the times (k,) of the C2 cubic splines through the columns of values (k, m), k > 1: not-a-knot at both
+    ends, or natural with fewer than four times."""
+    import numpy as np
+
+    time, values = np.ascontiguousarray(time), np.ascontiguousarray(values)
+    slopes, work = np.empty_like(values), np.empty(len(time))
+    KERNELS.function(splines.spline_slopes.__name__)(*values.shape, *(array.ctypes.data for array in (time, values, slopes, work)))
+    return slopes
 
 
 def _feature(time: Floats, values: Floats, share: float = 0.01) -> float:

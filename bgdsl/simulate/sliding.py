@@ -45,15 +45,11 @@ MOST_COPIES = 3
 class SwitchSignals(InputSignals):
     """The inputs, their derivatives, and the settings of the switches, which stay constant between events."""
 
-    def __init__(self, inputs: InputSignals, switches: int, start: float, stop: float):
+    def __init__(self, inputs: InputSignals, switches: int):
         import numpy as np
 
-        breaks = inputs.breaks if inputs.count else np.array([start, stop])
-        own = inputs.coefficients if inputs.count else np.zeros((1, 4, 0))
-        rates = np.concatenate([np.zeros_like(own[:, :1]), own[:, :3] * np.array([3.0, 2.0, 1.0])[:, None]], axis=1)
-        settings = np.zeros((len(own), 4, len(SETTINGS) * switches))
-        super().__init__(breaks, np.concatenate([own, rates, settings], axis=2))
-        self.settings = self.coefficients[:, 3, 2 * inputs.count :]
+        settings = np.zeros(len(SETTINGS) * switches)
+        super().__init__(inputs.breaks, inputs.values, inputs.slopes, settings, with_rates=True)
 
     def put(self, settings: Floats) -> None:
         """New settings (flat: all sides, all slides, all margins) from now on."""
@@ -179,7 +175,7 @@ class Modes:
         self.held, self.model = _held(model, switches)
         self.model.set_parameters(parameter_array(options.parameters))
         count = len(switches)
-        self.inputs = SwitchSignals(inputs, count, options.start, options.stop)
+        self.inputs = SwitchSignals(inputs, count)
         self._options = options
         self._surfaces = Surfaces(self.model, switches)
         self._places = tuple(self.held.matrix)

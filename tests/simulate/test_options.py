@@ -109,7 +109,7 @@ def test_bounds_follow_what_they_read() -> None:
     bounded = Parameter("length", (), (const(1.0),), HERE, high=(param("limit"),))
     program = make_program({"x": (1.0, 0.0)}, parameters={"reach": 2.0, "limit": 2.0 * param("reach")}, more_parameters=(bounded,))
     assert resolve_options(program, changes={"reach": 0.5}, report=Reporter()).parameters["limit"] == 1.0
-    with pytest.raises(BgError, match="above its max of 0.8"):
+    with pytest.raises(BgError, match=r"above its max of 0\.8"):
         resolve_options(program, changes={"reach": 0.4}, report=Reporter())
 
 

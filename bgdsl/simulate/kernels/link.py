@@ -17,12 +17,15 @@ __all__ = ["Factors", "Link", "call_model", "ints", "lu_factor", "lu_solve", "pl
 Link = Struct(
     "Link",
     """whole n, place rhs, place jacobian, place events, place context,
-    whole inputs, reals u, whole pieces, reals breaks, reals coefficients, whole piece,
+    reals u, whole signals, whole pieces, reals breaks, reals values, reals slopes, whole piece, whole with_rates,
+    whole constants, reals settings,
     whole rhs_calls, whole jacobian_calls, whole factorisations,
     whole troubled, whole status, real trouble_time, reals trouble_state,
-    reals values, Factors factors, real gamma, whole repivot""",
+    reals entries, Factors factors, real gamma, whole repivot""",
 )
-"""What the callbacks of one run share. troubled: since the last good evaluation, one was not finite or failed (`status`)."""
+"""What the callbacks of one run share. u: the inputs: `signals` by their values and slopes at the breaks, row by row, their rates
+where these are inputs too, then settings, which are constant. entries: of the Jacobian. troubled: since the last good evaluation,
+one was not finite or failed (`status`)."""
 
 call_model = Callee("int", ("real", "reals", "reals", "reals", "place"))
 
@@ -31,20 +34,44 @@ WEAK_PIVOT = 1e-10
 
 @kernel
 def set_inputs(link: Link, t: real) -> None:
-    """Put the inputs' values at t into link.u: piecewise cubics, the piece found from the last one."""
-    m = link.inputs
-    if m == 0:
-        return
+    """Put the inputs' values at t into link.u."""
+    u = link.u
+    m = link.signals
+    if m != 0:
+        set_signals(link, t)
+        u = u + m
+        if link.with_rates:
+            u = u + m
+    for i in range(link.constants):
+        u[i] = link.settings[i]
+
+
+@kernel
+def set_signals(link: Link, t: real) -> None:
+    """The signals at t: cubics by values and slopes at both ends of a piece, which is found from the last one."""
     piece = link.piece
     while piece + 1 < link.pieces and t >= link.breaks[piece + 1]:
         piece += 1
     while piece > 0 and t < link.breaks[piece]:
         piece -= 1
     link.piece = piece
-    d = t - link.breaks[piece]
-    c = link.coefficients + piece * 4 * m
-    for i in range(m):
-        link.u[i] = ((c[i] * d + c[m + i]) * d + c[2 * m + i]) * d + c[3 * m + i]
+    m = link.signals
+    h = link.breaks[piece + 1] - link.breaks[piece]
+    p = (t - link.breaks[piece]) / h
+    q = 1.0 - p
+    y = link.values + piece * m
+    s = link.slopes + piece * m
+    blend(m, link.u, q * q * (1.0 + 2.0 * p), y, p * p * (1.0 + 2.0 * q), y + m, h * p * q * q, s, -h * p * p * q, s + m)
+    if link.with_rates:
+        c = 6.0 * p * q / h
+        blend(m, link.u + m, -c, y, c, y + m, q * (1.0 - 3.0 * p), s, p * (1.0 - 3.0 * q), s + m)
+
+
+@kernel
+def blend(m: whole, target: reals, a: real, v: reals, b: real, w: reals, c: real, x: reals, d: real, y: reals) -> None:
+    """target := a v + b w + c x + d y"""
+    for k in range(m):
+        target[k] = (a * v[k] + b * w[k]) + (c * x[k] + d * y[k])
 
 
 @kernel
@@ -108,7 +135,7 @@ def cv_linsys(
     if keep == 0:
         set_inputs(link, t)
         link.jacobian_calls += 1
-        status = call_model(link.jacobian, t, reals(places(y[0])[1]), link.u, link.values, link.context)
+        status = call_model(link.jacobian, t, reals(places(y[0])[1]), link.u, link.entries, link.context)
         fresh[0] = 1
         if status != 0:
             return 1
@@ -120,9 +147,9 @@ def ls_setup(solver: places, matrix: place) -> int:
     """Factorise I - gamma J. Weak pivots stop the run for a new pivot order (`repivot`)."""
     link = Link(solver[0])
     link.factorisations += 1
-    failed = lu_factor(link.factors, link.values, link.gamma)
+    failed = lu_factor(link.factors, link.entries, link.gamma)
     if failed != 0 or not link.factors.growth > WEAK_PIVOT:
-        if all_finite(link.values, link.factors.entries) == 0:
+        if all_finite(link.entries, link.factors.entries) == 0:
             return 1
         link.repivot = 1
         return -1

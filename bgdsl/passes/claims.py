@@ -3,21 +3,23 @@
 Input        Instance or claims
 Output       claims about a part of it, or the value that the outermost one gives
 Establishes  the outermost modification wins, none overrides a final one, and each names something that is there
-Reports      BG220 unknown target, BG221 final, BG222 size of an array modification
+Reports      BG220 unknown target, BG221 final, BG222 size of an array modification, BG223 an element modified twice
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise, product
 from typing import Any
 
 from bgdsl.diagnostics import Code, did_you_mean
-from bgdsl.passes.elaborate import evaluate, evaluate_integer
-from bgdsl.passes.modifications import Modification
-from bgdsl.passes.names import Member
-from bgdsl.passes.parts import UNKNOWN_TARGET, Build, Claim, Fault, Index, Instance, Value, shape_of, shown_shape
+from bgdsl.passes.elaborate import evaluate, position
+from bgdsl.passes.evaluation import INDEX
+from bgdsl.passes.modifications import MODIFIED_TWICE, Modification
+from bgdsl.passes.names import UNKNOWN_TARGET, Member
+from bgdsl.passes.parts import Build, Claim, Context, Fault, Index, Instance, Value, shape_of, shown_shape
 from bgdsl.source import Span
+from bgdsl.syntax import ast
 
 FINAL = Code("BG221", "a final thing is modified")
 ARRAY_SIZE = Code("BG222", "a modification does not fit the array that it modifies")
@@ -71,7 +73,7 @@ def claimed_value(claim: Claim) -> Value:
     if key not in shared:
         shared[key] = (entry.value, author, evaluate(entry.value, author))
     value = shared[key][2]
-    for position, size in index:
+    for at, size in index:
         shape = shape_of(value)
         if not shape:
             raise Fault(
@@ -89,7 +91,7 @@ def claimed_value(claim: Claim) -> Value:
                 f"{size} values are wanted",
                 helps=(f"write `each {entry.span.text}` to give it to all of them",),
             )
-        value = value[position]
+        value = value[at]
     return value
 
 
@@ -101,7 +103,9 @@ def attribute(claims: Sequence[Claim], name: str) -> Value | None:
     return None
 
 
-def check_targets(build: Build, claims: Sequence[Claim], known: Any, what: Callable[[], str], where: Span) -> None:
+def check_targets(
+    build: Build, claims: Sequence[Claim], known: Any, what: Callable[[], str], where: Span, others: Sequence[tuple[Span, str]] = ()
+) -> None:
     """Every modification has to name something that is there. Each table is checked once for each kind of target."""
     for entry, _, _ in claims:
         if not entry.nested or build.checked.get(id(entry)) is known:
@@ -115,25 +119,101 @@ def check_targets(build: Build, claims: Sequence[Claim], known: Any, what: Calla
                         f"{what()} has no `{name}` to modify",
                         change.span,
                         "not found",
-                        others=[(where, "it is defined here")] if where is not change.span else (),
+                        others=[*([(where, "it is defined here")] if where is not change.span else ()), *others],
                         helps=did_you_mean(name, sorted(known)),
                     )
                 )
 
 
-def element_claims(claims: Sequence[Claim], index: Index) -> list[Claim]:
-    """What is said about one element of an array of components."""
-    found: list[Claim] = []
-    for entry, author, before in claims:
-        for subscripts, part in entry.parts:
-            at = tuple(evaluate_integer(subscript, author) - 1 for subscript in subscripts)
-            if len(at) != len(index) or any(not 0 <= i < size for i, (_, size) in zip(at, index, strict=True)):
-                sizes = " x ".join(str(size) for _, size in index)
-                raise Fault(ARRAY_SIZE, f"there is no such element of `{entry.name}`", part.span, f"it is an array of {sizes}")
-            if at == tuple(i for i, _ in index):
-                found.append((part, author, before))
-        found.append((entry, author, (*before, *index)))
+Spot = tuple[int, ...]
+"""The index of an element, from 0."""
+
+
+def element_claims(claims: Sequence[Claim], shape: tuple[int, ...]) -> Iterator[tuple[Spot, tuple[Claim, ...]]]:
+    """What is said about each element of an array of components, row-major: of chosen ones more than of all."""
+    chosen = [_of_chosen(claim, shape) if claim[0].parts else {} for claim in claims]
+    special = any(chosen)
+    for spot in product(*map(range, shape)):
+        index: Index = tuple(zip(spot, shape, strict=True))
+        said = tuple((entry, author, (*before, *index)) for entry, author, before in claims)
+        if special:
+            said = tuple(claim for parts, whole in zip(chosen, said, strict=True) for claim in (*parts.get(spot, ()), whole))
+            check_final([entry for entry, _, _ in said if entry.says_something], _element(claims[0][0].name, spot))
+        yield spot, said
+
+
+def _of_chosen(claim: Claim, shape: tuple[int, ...]) -> dict[Spot, list[Claim]]:
+    """What a claim says about single elements. The chosen ones are as an array of their own: positions are those among them."""
+    entry, author, before = claim
+    found: dict[Spot, list[Claim]] = {}
+    for subscripts, part in entry.parts:
+        for spot, index in _chosen(part, subscripts, author, shape):
+            found.setdefault(spot, []).append((part, author, () if part.each else (*before, *index)))
+    for spot, parts in found.items():
+        if len(parts) > 1 or entry.redeclared:
+            _check_apart(entry, parts, spot)
     return found
+
+
+def _chosen(
+    part: Modification, subscripts: tuple[ast.Expression, ...], author: Context, shape: tuple[int, ...]
+) -> Iterator[tuple[Spot, Index]]:
+    """The elements that subscripts choose, each with its positions (one for each subscript that is not a single index)."""
+    if len(subscripts) != len(shape):
+        raise _no_element(part, subscripts[0].span.to(subscripts[-1].span), shape)
+    axes: list[list[tuple[int, Index]]] = []
+    for subscript, size in zip(subscripts, shape, strict=True):
+        try:
+            where = position(subscript, size, author)
+        except Fault as fault:
+            raise _no_element(part, fault.span, shape, fault.message) if fault.code is INDEX else fault from None
+        several = [where] if isinstance(where, int) else where
+        if len(set(several)) != len(several):
+            twice = next(at for i, at in enumerate(several) if at in several[:i]) + 1
+            raise Fault(MODIFIED_TWICE, f"element {twice} of `{part.name}` is chosen twice", subscript.span, "the same element again")
+        axes.append([(at, () if isinstance(where, int) else ((k, len(several)),)) for k, at in enumerate(several)])
+    for turn in product(*axes):
+        yield tuple(at for at, _ in turn), tuple(place for _, places in turn for place in places)
+
+
+def _no_element(part: Modification, where: Span, shape: tuple[int, ...], *notes: str) -> Fault:
+    sizes = " x ".join(map(str, shape))
+    return Fault(ARRAY_SIZE, f"there is no such element of `{part.name}`", where, f"it is an array of {sizes}", notes=notes)
+
+
+def _check_apart(entry: Modification, parts: Sequence[Claim], spot: Spot) -> None:
+    """No two of the things that one place says about one element say the same thing of it; nor is it redeclared one way as one of
+    all and another way as itself."""
+    first: dict[tuple[str, ...], Modification] = {("redeclare",): entry} if entry.redeclared else {}
+    for part, _, _ in parts:
+        for path, change in _settings(part):
+            if path in first:
+                name = _element(entry.name, spot)
+                what = "redeclared" if path == ("redeclare",) else "modified"
+                raise Fault(
+                    MODIFIED_TWICE,
+                    f"`{'.'.join((name, *path)) if what == 'modified' else name}` is {what} twice in one place",
+                    change.span,
+                    "again here",
+                    others=[(first[path].span, f"first {what} here")],
+                )
+            first[path] = change
+
+
+def _settings(root: Modification) -> Iterator[tuple[tuple[str, ...], Modification]]:
+    """Everything that a modification gives: the names that lead to a value, `redeclare` for a class."""
+    stack: list[tuple[tuple[str, ...], Modification]] = [((), root)]
+    while stack:
+        path, entry = stack.pop()
+        if entry.value is not None:
+            yield path, entry
+        if entry.redeclared is not None:
+            yield (*path, "redeclare"), entry
+        stack += [((*path, name), inner) for name, inner in entry.nested.items()]
+
+
+def _element(name: str, spot: Spot) -> str:
+    return f"{name}[{','.join(str(i + 1) for i in spot)}]"
 
 
 def refuse_subscripts(claims: Sequence[Claim]) -> None:

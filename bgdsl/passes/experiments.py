@@ -17,11 +17,10 @@ from bgdsl.expr import Expr
 from bgdsl.ir.graph import Experiment, Origin, scalar_names
 from bgdsl.passes.claims import claimed_value, element_claims
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
-from bgdsl.passes.instantiate import spots_of
 from bgdsl.passes.modifications import Modification
+from bgdsl.passes.names import UNKNOWN_TARGET
 from bgdsl.passes.parameters import spread
 from bgdsl.passes.parts import (
-    UNKNOWN_TARGET,
     Absent,
     ArrayPart,
     Broken,
@@ -171,8 +170,7 @@ def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterat
 def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple[str, Expr]]:
     match part:
         case ArrayPart():
-            for item, spot in zip(part.items, spots_of(part.shape), strict=True):
-                inner = tuple(element_claims(claims, tuple(zip(spot, part.shape, strict=True))))
+            for item, (_, inner) in zip(part.items, element_claims(claims, part.shape), strict=True):
                 yield from _of_part(item, inner, span)
         case Instance():
             names = list(dict.fromkeys(name for entry, _, _ in claims for name in entry.nested))

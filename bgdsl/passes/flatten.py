@@ -54,6 +54,7 @@ from bgdsl.passes.parts import (
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
+from bgdsl.syntax.mentions import classes_mentioned
 
 WHICH_MODEL = Code("BG609", "it is not clear which model is meant")
 
@@ -150,31 +151,12 @@ def _models(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _classes_used(model: ast.Model) -> Iterator[str]:
-    """The names of classes that a model's text mentions."""
-    stack: list[ast.Model] = [model]
+    """The names of classes that the text of a model and of those nested in it mentions."""
+    stack = [model]
     while stack:
-        for item in stack.pop().items:
-            match item:
-                case ast.Declaration():
-                    yield item.type.name.parts[0].name
-                    for declarator in item.declarators:
-                        yield from _redeclared(declarator.arguments)
-                case ast.Extends():
-                    yield item.base.parts[0].name
-                    yield from _redeclared(item.arguments)
-                case ast.Model():
-                    stack.append(item)
-                case _:
-                    pass
-
-
-def _redeclared(arguments: Sequence[ast.Argument]) -> Iterator[str]:
-    for argument in arguments:
-        if isinstance(argument, ast.Redeclaration):
-            yield argument.type.name.parts[0].name
-            yield from _redeclared(argument.arguments)
-        else:
-            yield from _redeclared(argument.nested)
+        inner = stack.pop()
+        yield from (reference.parts[0].name for reference in classes_mentioned(inner))
+        stack += (item for item in inner.items if isinstance(item, ast.Model))
 
 
 # ------------------------------------------------------------------------------------------------------------ the steps

@@ -13,7 +13,7 @@ the declaration itself last. Nothing is copied, so an instance costs what its ow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from dataclasses import dataclass
 from typing import Any
 
 from bgdsl.diagnostics import Code
@@ -25,10 +25,9 @@ from bgdsl.ir.graph import Origin
 from bgdsl.passes.claims import check_targets, claims_of, element_claims, refuse_subscripts
 from bgdsl.passes.elaborate import evaluate_integer, evaluate_now
 from bgdsl.passes.modifications import Modification
-from bgdsl.passes.names import BASIC, WRONG_KIND, Class, Member, Resolved, describe, head
+from bgdsl.passes.names import BASIC, UNKNOWN_TARGET, WRONG_KIND, Class, Member, Resolved, describe, head
 from bgdsl.passes.parts import (
     LARGEST_ARRAY,
-    UNKNOWN_TARGET,
     Absent,
     ArrayPart,
     Broken,
@@ -37,7 +36,6 @@ from bgdsl.passes.parts import (
     Context,
     ElementPart,
     Fault,
-    Index,
     Instance,
     JunctionPart,
     ParameterPart,
@@ -76,53 +74,108 @@ def make_part(instance: Instance, member: Member) -> Any:
 # ---------------------------------------------------------------------------------------------------------------- parts
 
 
+@dataclass(frozen=True, slots=True)
+class _Class:
+    """The class that a component has: the declaration's, or that of the outermost redeclaration; who wrote it, and what it says."""
+
+    type: Resolved
+    node: ast.TypeName
+    author: Context
+    comment: str
+
+    def others(self, member: Member, path: str) -> tuple[tuple[Span, str], ...]:
+        """What to show beside a finding about a component: where it is redeclared, if it is."""
+        return () if self.node is member.declaration.type else ((self.node.span, f"`{path}` is redeclared here"),)
+
+    @property
+    def is_domain(self) -> bool:
+        return self.type.name in DOMAINS if self.type.node is None else isinstance(self.type.node, ast.Domain)
+
+
 def _make(instance: Instance, member: Member) -> Any:
     claims = claims_of(instance, member)
     author = claims[-1][1]
     condition = member.declarator.condition
-    path = instance.child(member.name)
     if condition is not None and not evaluate_now(condition, author):
-        return Absent(path, member.span)
-    resolved, dims, author = _type_of(instance, member, claims)
-    if instance.cls.is_element and not (_basic(resolved) or resolved.name in DOMAINS or isinstance(resolved.node, ast.Domain)):
+        return Absent(instance.child(member.name), member.span)
+    if not member.type.name:
+        raise Reported
+    chosen = _class_of(instance, member, claims)
+    basic = _basic(chosen.type)
+    if instance.cls.is_element and not (basic or chosen.is_domain):
         raise Fault(
             WRONG_KIND,
-            f"an element has ports, parameters and variables; `{member.name}` is {describe(resolved)}",
+            f"an element has ports, parameters and variables; `{member.name}` is {describe(chosen.type)}",
             member.declaration.span,
             "not in an element",
             helps=(f"make `{instance.cls.name}` a `model`",),
         )
+    if basic:
+        return _value_part(instance, member, chosen.type, claims)
+    return _components(instance, member, claims, chosen)
+
+
+def _components(instance: Instance, member: Member, claims: tuple[Claim, ...], chosen: _Class) -> Any:
+    """One component, or an array of them where the declaration has dimensions; its elements may be redeclared one by one."""
+    path = instance.child(member.name)
+    make = _maker(instance, member, chosen)
+    if not member.declarator.dims:
+        refuse_subscripts(claims)
+        return make(path, claims)
+    shape = tuple(_extent(dim, claims[-1][1], member) for dim in member.declarator.dims)
+    own = any(part.redeclared is not None for entry, _, _ in claims for _, part in entry.parts)
+    makers: dict[int, _Maker] = {}
+    items = []
+    for spot, said in element_claims(claims, shape):
+        if own:
+            key = id(_redeclaration(said))
+            if key not in makers:
+                makers[key] = _maker(instance, member, _class_of(instance, member, said))
+            make = makers[key]
+        items.append(make(f"{path}[{','.join(str(i + 1) for i in spot)}]", said))
+    return ArrayPart(path, shape, tuple(items))
+
+
+_Maker = Callable[[str, tuple[Claim, ...]], Any]
+"""What makes a component with a path from what is said about it."""
+
+
+def _maker(instance: Instance, member: Member, chosen: _Class) -> _Maker:
+    """What makes components of a class."""
+    resolved = chosen.type
     match resolved.node:
         case ast.Model():
-            return _spread(instance, member, claims, lambda p, c: _instance(instance, member, resolved, p, c))
-        case ast.TypeDefinition() | None if _basic(resolved):
-            return _value_part(instance, member, resolved, claims)
+            return lambda path, claims: _instance(instance, member, chosen, path, claims)
         case None if resolved.name in KINDS:
             _allow(member, {"final", "replaceable", "protected"}, "an element")
             kind = KINDS[resolved.name]
-            sizes = _port_sizes(kind, dims, author, member)
+            sizes = _port_sizes(kind, chosen, member)
             origin = Origin(instance.path, member.span)
-            return _spread(instance, member, claims, lambda p, c: ElementPart(p, kind, sizes, member, c, origin))
+            return lambda path, claims: ElementPart(path, kind, sizes, member, claims, origin, chosen.node.span, chosen.comment)
         case None if resolved.name in JUNCTIONS:
             _allow(member, {"open", "final", "replaceable", "protected"}, "a junction")
-            size = _one_size(dims, author, member)
-            return _spread(instance, member, claims, lambda p, c: _junction(instance, member, resolved.name, size, p, c))
-        case ast.Domain() | None if isinstance(resolved.node, ast.Domain) or resolved.name in DOMAINS:
-            size = _one_size(dims, author, member)
-            return _spread(instance, member, claims, lambda p, c: _port(instance, member, resolved.name, size, p))
-        case None if not resolved.name:
-            return Broken(path)
+            size = _one_size(chosen, member)
+            return lambda path, claims: _junction(instance, member, chosen, size, path, claims)
+        case _ if chosen.is_domain:
+            size = _one_size(chosen, member)
+            return lambda path, claims: _port(instance, member, resolved.name, size, path)
         case _:
             what = describe(resolved)
-            raise Fault(WRONG_KIND, f"`{resolved.name}` is {what}; nothing can be declared with it", member.declaration.type.span, what)
+            raise Fault(WRONG_KIND, f"`{resolved.name}` is {what}; nothing can be declared with it", chosen.node.span, what)
 
 
-def _type_of(instance: Instance, member: Member, claims: Sequence[Claim]) -> tuple[Resolved, tuple[ast.Expression, ...], Context]:
-    """The type, its dimensions and who wrote them: the declaration's, or that of the outermost redeclaration."""
+def _redeclaration(claims: Sequence[Claim]) -> ast.Redeclaration | None:
+    """The outermost redeclaration, which decides the class."""
+    return next((entry.redeclared for entry, _, _ in claims if entry.redeclared is not None), None)
+
+
+def _class_of(instance: Instance, member: Member, claims: Sequence[Claim]) -> _Class:
     for entry, author, _ in claims:
         if entry.redeclared is not None:
-            return _redeclared(instance.build, member, entry.redeclared, author), entry.redeclared.type.dims, author
-    return member.type, member.declaration.type.dims, claims[-1][1]
+            node = entry.redeclared
+            comment = node.comment or member.declarator.comment or ""
+            return _Class(_redeclared(instance.build, member, node, author), node.type, author, comment)
+    return _Class(member.type, member.declaration.type, claims[-1][1], member.declarator.comment or "")
 
 
 def _redeclared(build: Build, member: Member, node: ast.Redeclaration, author: Context) -> Resolved:
@@ -144,6 +197,10 @@ def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Red
         return Fault(REDECLARED, message, node.type.span, "the new class", others=((member.span, "declared here"), *others))
 
     old = member.type
+    if old.name in KINDS and new.name in KINDS and KINDS[old.name].ports != KINDS[new.name].ports:
+        counts = {1: "one port", 2: "two ports"}
+        build.fault(misfit(f"`{new.name}` has {counts[KINDS[new.name].ports]}, `{old.name}` has {counts[KINDS[old.name].ports]}"))
+        return False
     if isinstance(old.node, ast.Model) != isinstance(new.node, ast.Model) or describe(old) != describe(new):
         build.fault(misfit(f"`{member.name}` is {describe(old)}, `{new.name}` is {describe(new)}"))
         return False
@@ -168,26 +225,6 @@ def _allow(member: Member, prefixes: set[str], what: str) -> None:
         raise Fault(WRONG_KIND, f"{what} cannot be `{min(wrong)}`", member.declaration.span, f"`{member.name}` is {what}")
 
 
-def _basic(resolved: Resolved) -> bool:
-    return resolved.name in BASIC if resolved.node is None else isinstance(resolved.node, ast.TypeDefinition)
-
-
-def _spread(instance: Instance, member: Member, claims: tuple[Claim, ...], make: Callable[[str, tuple[Claim, ...]], Any]) -> Any:
-    """One part, or an array of them where the declaration has dimensions."""
-    path = instance.child(member.name)
-    dims = member.declarator.dims
-    if not dims:
-        refuse_subscripts(claims)
-        return make(path, claims)
-    shape = tuple(_extent(dim, claims[-1][1], member) for dim in dims)
-    items = []
-    for spot in spots_of(shape):
-        index: Index = tuple(zip(spot, shape, strict=True))
-        inner = tuple(element_claims(claims, index))
-        items.append(make(f"{path}[{','.join(str(i + 1) for i in spot)}]", inner))
-    return ArrayPart(path, shape, tuple(items))
-
-
 def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
     if isinstance(dim, ast.Colon):
         raise Fault(SIZE, f"the size of `{member.name}` is not given", dim.span, "an array of components has a size")
@@ -199,15 +236,10 @@ def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
     return size
 
 
-def spots_of(shape: Sequence[int]) -> list[tuple[int, ...]]:
-    """Every index of an array of that shape, from 0, row-major."""
-    return list(product(*map(range, shape)))
-
-
-def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, claims: tuple[Claim, ...]) -> Instance:
+def _instance(outer: Instance, member: Member, chosen: _Class, path: str, claims: tuple[Claim, ...]) -> Instance:
     build = outer.build
     _allow(member, {"final", "replaceable", "protected"}, "an instance of a model")
-    cls = build.names.make(resolved)
+    cls = build.names.make(chosen.type)
     if cls is None:
         raise Reported
     chain: Instance | None = outer
@@ -221,14 +253,14 @@ def _instance(outer: Instance, member: Member, resolved: Resolved, path: str, cl
                 others=[(head(cls.node.span), "the model")],
             )
         chain = chain.outer
-    if member.declaration.type.dims:
-        raise Fault(
-            SIZE, f"`{cls.name}` is {describe(resolved)}, it has no dimensions", member.declaration.type.span, "put the size after the name"
-        )
-    check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", head(cls.node.span))
+    if chosen.node.dims:
+        what = describe(chosen.type)
+        raise Fault(SIZE, f"`{cls.name}` is {what}, it has no dimensions", chosen.node.span, "put the size after the name")
+    others = chosen.others(member, path)
+    check_targets(build, claims, cls.members, lambda: f"`{cls.name}`", head(cls.node.span), others)
     _check_protected(build, claims, cls)
     layers = tuple((entry.nested, author, index) for entry, author, index in claims if entry.nested)
-    return Instance(path, cls, layers, build, Origin(outer.path, member.span), member.declarator.comment or "", outer)
+    return Instance(path, cls, layers, build, Origin(outer.path, member.span), chosen.comment, outer)
 
 
 def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
@@ -250,11 +282,10 @@ def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
 NOTHING: frozenset[str] = frozenset()
 
 
-def _junction(instance: Instance, member: Member, kind: str, size: int | None, path: str, claims: tuple[Claim, ...]) -> JunctionPart:
+def _junction(instance: Instance, member: Member, chosen: _Class, size: int | None, path: str, claims: tuple[Claim, ...]) -> JunctionPart:
     check_targets(instance.build, claims, NOTHING, lambda: "a junction", member.span)
-    return JunctionPart(
-        path, JUNCTIONS[kind], size, "open" in member.prefixes, Origin(instance.path, member.span), member.declarator.comment or ""
-    )
+    kind, origin = JUNCTIONS[chosen.type.name], Origin(instance.path, member.span)
+    return JunctionPart(path, kind, size, "open" in member.prefixes, origin, chosen.comment)
 
 
 def _port(instance: Instance, member: Member, domain: str, size: int | None, path: str) -> PortPart:
@@ -270,22 +301,21 @@ def _port(instance: Instance, member: Member, domain: str, size: int | None, pat
     return PortPart(path, "port out" in role, domain, size, instance, member, Origin(instance.path, member.span))
 
 
-def _port_sizes(kind: Kind, dims: tuple[ast.Expression, ...], author: Context, member: Member) -> tuple[int | None, ...]:
+def _port_sizes(kind: Kind, chosen: _Class, member: Member) -> tuple[int | None, ...]:
     """The sizes of an element's ports; a two-port is declared [n2, n1], or [n] where both are n."""
-    sizes = [_size_of(dim, author, member) for dim in dims]
     if kind.ports == 1:
-        return (_one_size(dims, author, member),)
+        return (_one_size(chosen, member),)
+    sizes = [_size_of(dim, chosen.author, member) for dim in chosen.node.dims]
     if len(sizes) > 2:
-        raise Fault(
-            SIZE, f"a {kind.name} has two dimensions, not {len(sizes)}", member.declaration.type.span, "rows (port 2), columns (port 1)"
-        )
+        raise Fault(SIZE, f"a {kind.name} has two dimensions, not {len(sizes)}", chosen.node.span, "rows (port 2), columns (port 1)")
     return (None, None) if not sizes else (sizes[-1], sizes[0])
 
 
-def _one_size(dims: tuple[ast.Expression, ...], author: Context, member: Member) -> int | None:
+def _one_size(chosen: _Class, member: Member) -> int | None:
+    dims = chosen.node.dims
     if len(dims) > 1:
-        raise Fault(SIZE, f"`{member.name}` has one dimension, not {len(dims)}", member.declaration.type.span, "one size is wanted")
-    return _size_of(dims[0], author, member) if dims else None
+        raise Fault(SIZE, f"`{member.name}` has one dimension, not {len(dims)}", chosen.node.span, "one size is wanted")
+    return _size_of(dims[0], chosen.author, member) if dims else None
 
 
 def _size_of(dim: ast.Expression, author: Context, member: Member) -> int:
@@ -300,6 +330,10 @@ def _size_of(dim: ast.Expression, author: Context, member: Member) -> int:
 
 def _value_part(instance: Instance, member: Member, resolved: Resolved, claims: tuple[Claim, ...]) -> ParameterPart | SignalPart:
     author = claims[-1][1]
+    for entry, _, _ in claims:
+        for _, piece in entry.parts:
+            if piece.redeclared is not None:
+                raise Fault(REDECLARED, f"the entries of `{member.name}` are all of one type", piece.span, "only one of them is redeclared")
     basic, more, type_dims = _basic_type(instance.build, resolved)
     claims = (*claims, *more)
     check_targets(instance.build, claims, ATTRIBUTES, lambda: f"a {basic}", member.span)
@@ -327,6 +361,10 @@ def _value_part(instance: Instance, member: Member, resolved: Resolved, claims: 
     part.output = "output" in member.prefixes
     part.role = "input" if "input" in member.prefixes else "algebraic"
     return part
+
+
+def _basic(resolved: Resolved) -> bool:
+    return resolved.name in BASIC if resolved.node is None else isinstance(resolved.node, ast.TypeDefinition)
 
 
 def _basic_type(build: Build, resolved: Resolved) -> tuple[str, tuple[Claim, ...], tuple[int, ...]]:

@@ -18,9 +18,9 @@ from bgdsl.ir.elements import Kind, component
 from bgdsl.ir.graph import Element, Law, Port
 from bgdsl.passes.claims import attribute, check_final, check_targets, claimed_value, nested
 from bgdsl.passes.law_checks import Rows, check_rows
+from bgdsl.passes.names import UNKNOWN_TARGET
 from bgdsl.passes.parameters import spread, unit_of
 from bgdsl.passes.parts import (
-    UNKNOWN_TARGET,
     Build,
     Claim,
     ElementPart,
@@ -66,7 +66,7 @@ def settle(build: Build, part: ElementPart) -> None:
         return
     part.settled = True
     kind = part.kind
-    check_targets(build, part.claims, _TARGETS[kind.name], lambda: f"{kind.article} {kind.name}", part.member.span)
+    check_targets(build, part.claims, _TARGETS[kind.name], lambda: f"{kind.article} {kind.name}", part.sized)
     name, claim = _given(part)
     if name not in kind.parameters:
         part.law = (name, claim)
@@ -200,7 +200,7 @@ def make_element(build: Build, part: ElementPart) -> Element:
         _states(part),
         _starts(part) if any(not _LETTERS.isdisjoint(entry.nested) for entry, _, _ in part.claims) else _NO_STARTS,
         _parasitic(build, part),
-        part.member.declarator.comment or "",
+        part.comment,
     )
 
 
@@ -288,7 +288,7 @@ def _wrong_size(part: ElementPart, name: str, value: Value, span: Span) -> Fault
         f"`{name}` of `{part.name}` is {shown_shape(shape_of(value))}, {wanted} is wanted",
         span,
         shown_shape(shape_of(value)),
-        others=[(part.member.declaration.type.span, "sized here")],
+        others=[(part.sized, "sized here")],
     )
 
 

@@ -2,7 +2,7 @@
 
 Input        the arguments of one modification
 Output       `Modification`s by name, made once from the text; values are expressions still
-Establishes  each name is said once in one place
+Establishes  each name is said once in one place, but for what is said of single elements of arrays
 Reports      BG223 modified twice
 """
 
@@ -31,6 +31,11 @@ class Modification:
     redeclared: ast.Redeclaration | None = None
     parts: list[tuple[tuple[ast.Expression, ...], Modification]] = field(default_factory=list)
 
+    @property
+    def says_something(self) -> bool:
+        """Whether it changes more than single elements."""
+        return self.value is not None or bool(self.nested) or self.redeclared is not None
+
 
 def modifications(arguments: Iterable[ast.Argument], report: Reporter) -> dict[str, Modification]:
     """The arguments of a modification by name; `a.b = 1` nests, `a[2] = 1` goes to the parts of `a`."""
@@ -40,10 +45,9 @@ def modifications(arguments: Iterable[ast.Argument], report: Reporter) -> dict[s
             case ast.Modifier(name=name):
                 _insert(table, name.parts, argument, report)
             case ast.Redeclaration(name=name):
-                new = Modification(
-                    name, argument.span, None, modifications(argument.arguments, report), argument.each, argument.final, argument
-                )
-                _merge(table, new, report)
+                nested = modifications(argument.arguments, report)
+                new = Modification(name, argument.span, None, nested, argument.each, argument.final, argument)
+                _add(table, argument.subscripts, new, report)
     return table
 
 
@@ -55,9 +59,13 @@ def _insert(table: dict[str, Modification], parts: tuple[ast.Part, ...], modifie
     else:
         new.value, new.final = modifier.value, modifier.final
         new.nested = modifications(modifier.nested, report)
-    if part.subscripts:
-        holder = table.setdefault(part.name, Modification(part.name, modifier.span))
-        holder.parts.append((part.subscripts, new))
+    _add(table, part.subscripts, new, report)
+
+
+def _add(table: dict[str, Modification], subscripts: tuple[ast.Expression, ...], new: Modification, report: Reporter) -> None:
+    """Put a modification into its table; what is said of chosen elements of an array goes to the parts of what is said of all."""
+    if subscripts:
+        table.setdefault(new.name, Modification(new.name, new.span)).parts.append((subscripts, new))
     else:
         _merge(table, new, report)
 
@@ -68,12 +76,13 @@ def _merge(table: dict[str, Modification], new: Modification, report: Reporter) 
         table[new.name] = new
         return
     if (old.value is not None and new.value is not None) or (old.redeclared and new.redeclared):
+        what = "redeclared" if old.redeclared and new.redeclared else "modified"
         report.add(
             MODIFIED_TWICE,
-            f"`{new.name}` is modified twice in one place",
+            f"`{new.name}` is {what} twice in one place",
             new.span,
             "again here",
-            others=[(old.span, "first modified here")],
+            others=[(old.span, f"first {what} here")],
         )
         return
     old.value = old.value if old.value is not None else new.value

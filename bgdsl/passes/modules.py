@@ -16,6 +16,7 @@ from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Imported, Library, Module
+from bgdsl.syntax.mentions import classes_mentioned
 
 NOT_FOUND = Code("BG201", "an imported file cannot be read")
 CYCLE = Code("BG202", "files import each other in a circle")
@@ -98,7 +99,7 @@ class _Loader:
             inside = [item for item in model.items if isinstance(item, ast.Import)]
             if inside:
                 nested[id(model)] = self.resolve(source, inside, targets)
-            for name in _dotted(model):
+            for name in (name for name in classes_mentioned(model) if len(name.parts) > 1):
                 names.setdefault(name.text, name)
         qualified: dict[str, Imported] = {}
         for text, name in names.items():
@@ -208,13 +209,3 @@ def _models(tree: ast.File) -> Iterator[ast.Model]:
         if isinstance(item, ast.Model):
             yield item
             stack.extend(reversed(item.items))
-
-
-def _dotted(model: ast.Model) -> Iterator[ast.Reference]:
-    """The class names of a model that have dots: perhaps files named in full, without an import."""
-    for item in model.items:
-        match item:
-            case ast.Declaration() if len(item.type.name.parts) > 1:
-                yield item.type.name
-            case ast.Extends() if len(item.base.parts) > 1:
-                yield item.base

@@ -3,7 +3,8 @@
 Input        Library
 Output       `Class`: a model's or element's members, statements and experiments, made once for each definition
 Establishes  every member knows its kind, the scope its text was written in and all modifications that its class's text makes
-Reports      BG210 unknown class, BG211 duplicate name, BG212 wrong kind of class, BG213 cyclic `extends`
+Reports      BG210 unknown class, BG211 duplicate name, BG212 wrong kind of class, BG213 cyclic `extends`,
+             BG220 unknown target of a modification or redeclaration
 
 Modifications stay as written; their values are evaluated when an instance asks for them, in the scope of the one who wrote them.
 """
@@ -25,6 +26,7 @@ UNKNOWN_CLASS = Code("BG210", "unknown class")
 DUPLICATE = Code("BG211", "a name is declared twice")
 WRONG_KIND = Code("BG212", "a class is of another kind than wanted here")
 CYCLIC_EXTENDS = Code("BG213", "a class extends itself")
+UNKNOWN_TARGET = Code("BG220", "unknown modification target")
 
 BASIC = ("Real", "Integer", "Boolean", "String", "Table")
 BUILT_IN = frozenset((*BASIC, *KINDS, *JUNCTIONS, *DOMAINS))
@@ -224,10 +226,14 @@ class Names:
                     self._duplicate(item.name, head(item.span), "again here", ((head(own[item.name][0].span), "first here"),))
                 own.setdefault(item.name, (item, scope))
         made = Class(node.name, node, scope, {}, (), (), {}, own)
+        whole = True
+        redeclared: list[ast.Redeclaration] = []
         for item in node.items:
             match item:
                 case ast.Extends():
-                    self._inherit(made, item)
+                    whole &= self._inherit(made, item)
+                case ast.Redeclaration():
+                    redeclared.append(item)
                 case ast.Declaration():
                     for declarator in item.declarators:
                         self._declare(made, item, declarator)
@@ -235,6 +241,8 @@ class Names:
                     self._add_experiment(made, item)
                 case _:
                     pass
+        if redeclared:
+            self._redeclare(made, tuple(redeclared), whole)
         for section in node.sections:
             lines = tuple((statement, scope) for statement in section.statements)
             if section.initial:
@@ -277,16 +285,33 @@ class Names:
             "protected" in declaration.prefixes,
         )
 
-    def _inherit(self, made: Class, item: ast.Extends) -> None:
+    def _redeclare(self, made: Class, items: tuple[ast.Redeclaration, ...], whole: bool) -> None:
+        """`redeclare` among the items: it says more than the declaration and the bases, and less than those who use the class.
+        What is not declared is reported if the class is `whole`: all its bases are known."""
+        for name, entry in self.table(items).items():
+            member = made.members.get(name)
+            if member is not None:
+                member.claims = ((entry, made.scope), *member.claims)
+            elif whole:
+                self.report.add(
+                    UNKNOWN_TARGET,
+                    f"`{made.name}` declares and inherits no `{name}` to redeclare",
+                    entry.span,
+                    "not found",
+                    helps=did_you_mean(name, made.members),
+                )
+
+    def _inherit(self, made: Class, item: ast.Extends) -> bool:
+        """Take over what a base has; False where there is no such base (reported)."""
         resolved = self.find_dotted(item.base, made.scope.outer or made.scope) or self.resolve(item.base, made.scope)
         if resolved is None:
-            return
+            return False
         if not isinstance(resolved.node, ast.Model):
             what = describe(resolved)
             self.report.add(
                 WRONG_KIND, f"`{item.base.text}` is {what}; only models and elements can be extended", item.base.span, f"{what}"
             )
-            return
+            return False
         if any(resolved.node is other for other in self.building):
             circle = [*self.building[[o is resolved.node for o in self.building].index(True) :], resolved.node]
             self.report.add(
@@ -296,10 +321,10 @@ class Names:
                 "this closes the circle",
                 others=[(head(resolved.node.span), "the class begins here")],
             )
-            return
+            return False
         base = self.make(resolved)
         if base is None:
-            return
+            return False
         if resolved.node.kind != made.node.kind:
             self.report.add(
                 WRONG_KIND,
@@ -307,8 +332,9 @@ class Names:
                 item.span,
                 f"a {resolved.node.kind}",
             )
-            return
+            return False
         self._take_over(made, base, item)
+        return True
 
     def _take_over(self, made: Class, base: Class, item: ast.Extends) -> None:
         table = self.table(item.arguments)
@@ -338,8 +364,6 @@ class Names:
             made.own.setdefault(name, definition)
 
     def _check_targets(self, table: Mapping[str, Modification], base: Class, item: ast.Extends) -> None:
-        from bgdsl.passes.parts import UNKNOWN_TARGET
-
         for name, change in table.items():
             if name not in base.members:
                 self.report.add(
@@ -359,9 +383,15 @@ def _alike(one: Sequence[tuple[Modification, Scope]], other: Sequence[tuple[Modi
 
 def _same(a: Modification, b: Modification) -> bool:
     """Whether two modifications say the same, wherever they stand."""
+    if a is b:
+        return True
     if (a.value, a.each, a.final, a.redeclared) != (b.value, b.each, b.final, b.redeclared) or a.nested.keys() != b.nested.keys():
         return False
-    return not a.parts and not b.parts and all(_same(inner, b.nested[name]) for name, inner in a.nested.items())
+    if len(a.parts) != len(b.parts) or any(
+        one != other or not _same(part, twin) for (one, part), (other, twin) in zip(a.parts, b.parts, strict=True)
+    ):
+        return False
+    return all(_same(inner, b.nested[name]) for name, inner in a.nested.items())
 
 
 def describe(resolved: Resolved) -> str:

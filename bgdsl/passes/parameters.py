@@ -23,10 +23,10 @@ from bgdsl.passes.claims import attribute, claimed_value
 from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.elaborate import evaluate_integer
 from bgdsl.passes.instantiate import SIZE
+from bgdsl.passes.names import UNKNOWN_TARGET
 from bgdsl.passes.parts import (
     CYCLE,
     NO_VALUE,
-    UNKNOWN_TARGET,
     Build,
     Context,
     Fault,

@@ -22,7 +22,6 @@ from bgdsl.passes.modifications import Modification
 from bgdsl.passes.names import Class, Member, Names, Resolved, Scope
 from bgdsl.source import Span
 
-UNKNOWN_TARGET = Code("BG220", "unknown modification target")
 UNKNOWN_NAME = Code("BG230", "unknown name")
 STRUCTURAL = Code("BG233", "a value that shapes the model is not known at compile time")
 CYCLE = Code("BG241", "parameters depend on each other in a circle")
@@ -148,7 +147,7 @@ class JunctionPart:
 
 @dataclass(slots=True, eq=False)
 class ElementPart:
-    """A primitive; `sizes` are those of its ports; `joined` maps (port, component) to the bond there."""
+    """A primitive; `sizes` are those of its ports, written at `sized`; `joined` maps (port, component) to the bond there."""
 
     name: str
     kind: Kind
@@ -156,6 +155,8 @@ class ElementPart:
     member: Member
     claims: tuple[Claim, ...]
     origin: Origin
+    sized: Span
+    comment: str = ""
     joined: dict[tuple[int, int], RawBond] = field(default_factory=dict)
     parameters: dict[str, Value] = field(default_factory=dict)
     settled: bool = False

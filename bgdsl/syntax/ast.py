@@ -181,10 +181,12 @@ class Modifier(Node):
 
 @dataclass(frozen=True, slots=True)
 class Redeclaration(Node):
-    """`redeclare Class[dims] name(arguments)`."""
+    """`redeclare Class[dims] name[subscripts](arguments)`, among modifications or as an item of a model: another class for a
+    component, or for the chosen elements of an array of them. As an item it is never `each`, and its span covers the semicolon."""
 
     type: TypeName
     name: str
+    subscripts: tuple[Expression, ...] = ()
     arguments: tuple[Argument, ...] = ()
     each: bool = False
     final: bool = False
@@ -460,7 +462,19 @@ class Import(Node):
 
 
 Definition = Model | ShortFunction | LongFunction | TypeDefinition | Domain | Test
-ModelItem = Declaration | Extends | Experiment | Annotation | Import | Model | ShortFunction | LongFunction | TypeDefinition | Domain
+ModelItem = (
+    Declaration
+    | Redeclaration
+    | Extends
+    | Experiment
+    | Annotation
+    | Import
+    | Model
+    | ShortFunction
+    | LongFunction
+    | TypeDefinition
+    | Domain
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ _STROKES: dict[str, Literal["tail", "head"] | None] = {
 
 _CHECKED = frozenset(
     (
-        *("declaration", "extends", "experiment", "annotation", "short_function", "assign", "type_definition", "domain_variable"),
-        *("bonds", "equation", "lone_expression", "iterator", "if_statement", "else_branch"),
+        *("declaration", "redeclare", "extends", "experiment", "annotation", "short_function", "assign", "type_definition"),
+        *("domain_variable", "bonds", "equation", "lone_expression", "iterator", "if_statement", "else_branch"),
         *("run", "test_assertion", "expect_error"),
     )
 )
@@ -211,10 +211,20 @@ class TreeBuilder:
         return ast.Modifier(name, (), value, "each" in flags, "final" in flags, span=at)
 
     def redeclaration(
-        self, at: Span, before: Any, after: Any, of: ast.TypeName, name: str, arguments: Any, comment: str | None
+        self, at: Span, before: Any, after: Any, of: ast.TypeName, name: str, subscripts: Any, arguments: Any, comment: str | None
     ) -> ast.Redeclaration:
         flags = before + after
-        return ast.Redeclaration(of, name, arguments or (), "each" in flags, "final" in flags, _string(comment), span=at)
+        said = _string(comment)
+        return ast.Redeclaration(of, name, subscripts or (), arguments or (), "each" in flags, "final" in flags, said, span=at)
+
+    def redeclare(
+        self, at: Span, prefixes: Any, of: ast.TypeName, name: str, subscripts: Any, arguments: Any, comment: str | None
+    ) -> ast.Redeclaration:
+        wrong = [prefix for prefix in prefixes if prefix not in ("final", "replaceable")]
+        if wrong:
+            say.redeclared_prefix(self.report, at, wrong[0], name)
+        said, final = _string(comment), "final" in prefixes
+        return ast.Redeclaration(of, name, subscripts or (), arguments or (), final=final, comment=said, span=at)
 
     # ------------------------------------------------------------------------------------------------------ statements
 

@@ -68,9 +68,8 @@ def wanted(kinds: frozenset[str], shown: Mapping[str, str]) -> str:
     if "NUMBER" in left:
         group("an expression", _EXPRESSION_STARTS)
     if {"PARAMETER", "NAME"} <= left:
-        group(
-            "a declaration", _PREFIXES | {"NAME", "EXTENDS", "EXPERIMENT", "ANNOTATION"} | (_DEFINITIONS if "EQUATION" in left else set())
-        )
+        items = _PREFIXES | {"NAME", "REDECLARE", "EXTENDS", "EXPERIMENT", "ANNOTATION"}
+        group("a declaration", items | (_DEFINITIONS if "EQUATION" in left else set()))
     if {"MODEL", "FUNCTION"} <= left:
         group("a definition (`model`, `element`, `function`, `domain`, `type` or `test`)", _DEFINITIONS)
     if len(_OPERATORS & left) > 1:
@@ -102,6 +101,18 @@ def end_mismatch(report: Reporter, at: Span, kind: str, name: str, end: Span, fo
         end,
         f"should be `end {name};`",
         others=[(opening, f"{kind} `{name}` starts here")],
+    )
+
+
+def redeclared_prefix(report: Reporter, at: Span, prefix: str, name: str) -> None:
+    helps = (f"a value is changed where the class is extended or used: `({name} = ...)`",) if prefix in ("parameter", "constant") else ()
+    where = at.text.find(prefix)
+    report.add(
+        UNEXPECTED,
+        f"`redeclare` changes the class of `{name}`; it cannot make it `{prefix}`",
+        Span(at.source, at.start + where, at.start + where + len(prefix)),
+        f"leave out `{prefix}`",
+        helps=helps,
     )
 
 

@@ -190,8 +190,12 @@ def _argument(node: ast.Argument) -> str:
             inner = ", ".join(map(_argument, nested))
             bound = "" if value is None else f" = {print_expression(value)}"
             return flags + print_expression(name) + (f"({inner})" if nested or value is None else "") + bound
-        case ast.Redeclaration(of, name, arguments):
-            return f"{flags}redeclare {_piece(of)} {name}{_arguments(arguments)}{_comment(node.comment)}"
+        case ast.Redeclaration():
+            return f"{flags}redeclare {_redeclared(node)}"
+
+
+def _redeclared(node: ast.Redeclaration) -> str:
+    return f"{_piece(node.type)} {node.name}{_subscripts(node.subscripts)}{_arguments(node.arguments)}{_comment(node.comment)}"
 
 
 # ----------------------------------------------------------------------------------------------------------- statements
@@ -207,6 +211,8 @@ def _statement(node: ast.Node) -> str:
     match node:
         case ast.Declaration(prefixes, of, declarators):
             return f"{' '.join((*prefixes, _piece(of)))} {', '.join(map(_piece, declarators))};"
+        case ast.Redeclaration():
+            return f"redeclare {'final ' if node.final else ''}{_redeclared(node)};"
         case ast.Extends(base, arguments):
             return f"extends {print_expression(base)}{_arguments(arguments)};"
         case ast.Experiment(name, parent, arguments, comment):

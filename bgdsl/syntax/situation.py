@@ -14,7 +14,7 @@ CONTAINERS = ("statement", "algorithm_statement", "test_statement", "item", "dec
 """What a list is made of: after an error one of these is taken as read, empty."""
 
 DEFINERS = frozenset(["MODEL", "ELEMENT", "FUNCTION", "DOMAIN", "TYPE", "TEST", "IMPORT"])
-DECLARERS = frozenset(["PARAMETER", "CONSTANT", "INPUT", "OUTPUT", "OPEN", "PORT", "EXPERIMENT", "EXTENDS"])
+DECLARERS = frozenset(["PARAMETER", "CONSTANT", "INPUT", "OUTPUT", "OPEN", "PORT", "EXPERIMENT", "EXTENDS", "REDECLARE"])
 CLOSING = {"LPAR": ("RPAR", ")"), "LSQB": ("RSQB", "]"), "LBRACE": ("RBRACE", "}")}
 OPENING = {closing: opening for opening, (closing, _) in CLOSING.items()}
 
@@ -183,7 +183,7 @@ def misplaced(machine: Machine, text: str) -> str | None:
 def unfinished(machine: Machine, text: str) -> str | None:
     """What is wrong with a statement that stops being one here, in a sentence; None where nothing is known."""
     expected = machine.expected()
-    if "REDECLARE" in expected or (expected == {"EQUAL", "LPAR"} and open_bracket(machine)):
+    if "EACH" in expected or (expected == {"EQUAL", "LPAR"} and open_bracket(machine)):
         return "a modification is `name = value` or `name(...)`"
     if text in ("<", ">", "<=", ">=", "==", "<>") and "NUMBER" not in expected:
         return "comparisons do not chain: write `a < b and b < c`"

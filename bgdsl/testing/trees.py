@@ -76,7 +76,7 @@ def _arguments(depth: int = 2) -> st.SearchStrategy[tuple[ast.Argument, ...]]:
     nested = _arguments(depth - 1) if depth else st.just(())
     flags = {"each": st.booleans(), "final": st.booleans()}
     modifier = _node(ast.Modifier, references(EXPRESSIONS), nested, st.none() | EXPRESSIONS, **flags)
-    redeclaration = _node(ast.Redeclaration, TYPES, NAMES, nested, comment=_MAYBE_TEXT, **flags)
+    redeclaration = _node(ast.Redeclaration, TYPES, NAMES, DIMS, nested, comment=_MAYBE_TEXT, **flags)
     return _some(modifier | redeclaration)
 
 
@@ -137,6 +137,7 @@ def definitions(depth: int = 1) -> st.SearchStrategy[Any]:
     )
     items = st.one_of(
         DECLARATIONS,
+        _node(ast.Redeclaration, TYPES, NAMES, DIMS, ARGUMENTS, final=st.booleans(), comment=_MAYBE_TEXT),
         _node(ast.Extends, references(), ARGUMENTS),
         _node(ast.Experiment, NAMES, st.none() | NAMES, ARGUMENTS, _MAYBE_TEXT),
         _node(ast.Annotation, ARGUMENTS),

@@ -10,10 +10,10 @@ from bgdsl.cli.console import RefusedError
 
 @app.command("lsp")
 def serve() -> int:
-    """Serve an editor on stdin and stdout (Language Server Protocol): diagnostics, formatting, outline, explanations."""
+    """Serve an editor on stdin and stdout (Language Server Protocol): diagnostics, completion, definitions, formatting, outline."""
     if find_spec("pygls") is None:
         raise RefusedError("the editor server needs pygls: pip install 'bgdsl[lsp]'")
-    from bgdsl import lsp
+    from bgdsl.lsp.server import serve as run
 
-    lsp.serve()
+    run()
     return 0

@@ -125,10 +125,81 @@ def test_the_outline(editor: Editor, tmp_path: Path) -> None:
 
 def test_hovering_explains(editor: Editor, tmp_path: Path) -> None:
     path = tmp_path / "h.bg"
-    editor.open(path, WRONG)
-    found = editor.about(path, "hover", position={"line": 1, "character": 12})
+    (wrong,) = editor.open(path, WRONG)
+    found = editor.about(path, "hover", position=wrong["range"]["start"])
+    assert editor.about(path, "hover", position={"line": 1, "character": 8}) == found, "as anywhere else on the line"
     assert found["contents"]["kind"] == "markdown" and found["contents"]["value"].startswith("# an element's value is zero")
     assert editor.about(path, "hover", position={"line": 0, "character": 0}) is None
+
+
+def place(text: str, mark: str, after: int = 0) -> dict[str, int]:
+    """The position `after` characters behind where `mark` begins."""
+    before = text[: text.index(mark) + after]
+    return {"line": before.count("\n"), "character": len(before) - before.rfind("\n") - 1}
+
+
+def test_definitions_are_found(editor: Editor, tmp_path: Path) -> None:
+    (tmp_path / "parts.bg").write_text('model Rod "a rod"\n  parameter Real m = 2;\n  I mass(I = m);\n  port in Translational a;\nend Rod;\n')
+    text = """import parts.Rod;
+model Whole
+  parameter Real w = 3;
+  Rod rod[2](each m = w);
+  J1 v;
+  R damper(R = w);
+  experiment kick(w = 4, stopTime = 1);
+equation
+  first: v -> damper;
+  v -> rod[1].a, rod[2].a;
+end Whole;
+test "it runs"
+  run r = Whole(w = 2) for 1;
+  assert r.rod[1].mass.p < 1;
+end;
+"""
+    path = tmp_path / "whole.bg"
+    editor.open(path, text)
+
+    def definition(mark: str, after: int = 0) -> tuple[str, int, int] | None:
+        found = editor.about(path, "definition", position=place(text, mark, after))
+        return found and (found["uri"].rpartition("/")[2], found["range"]["start"]["line"], found["range"]["start"]["character"])
+
+    own, other = (lambda line, column: ("whole.bg", line, column)), (lambda line, column: ("parts.bg", line, column))
+    assert definition("w);\n  J1") == own(2, 17), "a parameter"
+    assert definition("Rod rod", 1) == other(0, 6) == definition("Rod;\nmodel"), "a class, by its use and by its import"
+    assert definition("m = w") == other(1, 17), "what is modified"
+    assert definition("w = 4") == own(2, 17), "what an experiment changes"
+    assert definition("rod[1].a") == own(3, 6) and definition("rod[1].a", 7) == other(3, 24), "a component and its member"
+    assert definition("damper;") == own(5, 4)
+    assert definition("r.rod[1].mass.p") == own(12, 6) and definition("r.rod[1].mass.p", 9) == other(2, 4), "through a run"
+    assert definition("w = 2") == own(2, 17) and definition("Whole(w") == own(1, 6)
+    assert definition("J1 v") is None and definition("stopTime") is None, "the language's own"
+
+
+def test_hovering_describes_names(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "lever.bg"
+    editor.open(path, LEVER)
+    found = editor.about(path, "hover", position=place(LEVER, "mA, f(start"))["contents"]["value"]
+    assert 'parameter Real mA(unit = "kg") = 10' in found and "lever.bg:3" in found
+    assert "one flow, efforts add up" in editor.about(path, "hover", position=place(LEVER, "J1 vA", 1))["contents"]["value"]
+    assert editor.about(path, "hover", position=place(LEVER, "10;")) is None
+
+
+def test_completion_knows_members_arguments_and_names(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "lever.bg"
+    editor.open(path, LEVER)
+
+    def offered(text: str, mark: str) -> dict[str, Any]:
+        editor.change(path, text)
+        found = editor.about(path, "completion", position=place(text, mark, len(mark)))
+        return {item["label"]: item for item in found}
+
+    whole = offered(LEVER, "  vA -> mas")
+    assert {"massA", "mA", "kick", "sin", "J1", "model"} <= set(whole) and whole["mA"]["detail"] == 'parameter Real mA(unit = "kg") = 10'
+    broken = LEVER.replace("  vA -> massA,", "  output Real x = springA.\n  vA -> massA,").replace("equation", "")
+    assert {"q", "e", "f", "power", "energy", "k", "C"} == set(offered(broken, "springA."))
+    assert {"I", "p"} <= set(offered(LEVER, "massA(")) and "start" in offered(LEVER, "massA(I = mA, f(st")
+    imported = "import mechanics.rotational.Spring;\nmodel M\n  Spring shaft(\nend M;\n"
+    assert "J1" in offered(imported, "  Spr")
 
 
 def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> None:
@@ -151,7 +222,8 @@ def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> No
     for text in [*broken, *(LEVER[:n] for n in range(0, len(LEVER), 97))]:
         editor.change(path, text)
         editor.about(path, "documentSymbol")
-        editor.about(path, "hover", position=position)
+        for method in ("hover", "definition", "completion"):
+            editor.about(path, method, position=position)
         editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True})
     assert editor.change(path, LEVER) == []
 
@@ -159,6 +231,7 @@ def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> No
 def test_what_is_offered(editor: Editor) -> None:
     offered = editor.answer["capabilities"]
     assert offered["documentFormattingProvider"] and offered["documentSymbolProvider"] and offered["hoverProvider"]
+    assert offered["definitionProvider"] and offered["completionProvider"]["triggerCharacters"] == ["."]
 
 
 def test_without_pygls_the_command_says_what_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -112,7 +112,7 @@ def _no_such_port(part: Instance, step: ast.Part) -> Fault:
     ends = _ends_of(part)
     return Fault(
         NO_END,
-        f"`{part.cls.name}` has no `{step.name}`",
+        f"{part.shown} has no `{step.name}`",
         step.span,
         "not found",
         notes=(_shown_ends(ends),),

@@ -73,8 +73,8 @@ def iterations(iterators: Sequence[ast.Iterator], context: Context) -> Iterator[
         return
     first, rest = iterators[0], iterators[1:]
     over = evaluate(first.over, context)
-    if isinstance(over, Expr):
-        raise Fault(MISFIT, "an iterator runs over a range or a vector", first.over.span, "a scalar", helps=("write `1:n`",))
+    if not isinstance(over, np.ndarray):
+        raise Fault(MISFIT, "an iterator runs over a range or a vector", first.over.span, describe(over), helps=("write `1:n`",))
     for item in over:
         yield from iterations(rest, context.with_locals({first.name: item}))
 

@@ -163,7 +163,7 @@ def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterat
     part = instance.part(name)
     if part is None:
         known = [*instance.cls.members, *(SETTINGS if not instance.path else ())]
-        raise Fault(UNKNOWN_TARGET, f"`{instance.cls.name}` has no `{name}`", span, "nothing to change", helps=did_you_mean(name, known))
+        raise Fault(UNKNOWN_TARGET, f"{instance.shown} has no `{name}`", span, "nothing to change", helps=did_you_mean(name, known))
     yield from _of_part(part, claims, span)
 
 

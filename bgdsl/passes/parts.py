@@ -257,6 +257,11 @@ class Instance:
             found = self.contexts[id(scope)] = Context(self.build, self, scope)
         return found
 
+    @property
+    def shown(self) -> str:
+        """The instance in messages: by its class; one of an array, which may differ from the others, by its index too."""
+        return f"`{self.path}`, a `{self.cls.name}`," if self.path.endswith("]") else f"`{self.cls.name}`"
+
     def child(self, name: str) -> str:
         return f"{self.path}.{name}" if self.path else name
 

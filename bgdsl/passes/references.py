@@ -44,6 +44,7 @@ from bgdsl.passes.parts import (
     array_of,
     entries,
     shape_of,
+    shown_shape,
     vector,
 )
 from bgdsl.passes.values import matmul
@@ -155,7 +156,29 @@ def _read_array(part: ArrayPart, node: ast.Reference, i: int, context: Context) 
     values = [read(part.items[int(np.ravel_multi_index(spot, part.shape))], inner, i, context) for spot in spots(axes)]
     shape = tuple(len(axis) for axis, where in zip(axes, chosen, strict=True) if not isinstance(where, int))
     rest = shape_of(values[0]) if values else ()
+    for value, spot in zip(values, spots(axes), strict=True):
+        if shape_of(value) != rest:
+            raise _differing(part, node, i, (rest, shape_of(value)), (next(iter(spots(axes))), spot))
     return array_of([entry for value in values for entry in entries(value)], (*shape, *rest))
+
+
+def _differing(
+    part: ArrayPart,
+    node: ast.Reference,
+    i: int,
+    shapes: tuple[tuple[int, ...], tuple[int, ...]],
+    where: tuple[tuple[int, ...], tuple[int, ...]],
+) -> Fault:
+    """The finding that what the elements of an array give cannot be put into one array."""
+    first, other = (f"`{part.name}[{','.join(str(k + 1) for k in spot)}]`" for spot in where)
+    name = ".".join(step.name for step in node.parts[i + 1 :])
+    return Fault(
+        INDEX,
+        f"`{name}` is not of one size in the elements of `{part.name}`",
+        node.span,
+        f"of {first} it is {shown_shape(shapes[0])}, of {other} {shown_shape(shapes[1])}",
+        helps=("read one element, or those that are alike",),
+    )
 
 
 def spots(axes: Sequence[Sequence[int]]) -> list[tuple[int, ...]]:
@@ -173,7 +196,7 @@ def _read_instance(part: Instance, node: ast.Reference, i: int, context: Context
     if found is None:
         raise Fault(
             UNKNOWN_NAME,
-            f"`{part.cls.name}` has no `{name}`",
+            f"{part.shown} has no `{name}`",
             node.parts[i + 1].span,
             "not found",
             others=[(head(part.cls.node.span), f"`{part.cls.name}` is defined here")],

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bgdsl.diagnostics import BgError
+from bgdsl.passes import claims
+from bgdsl.passes.evaluation import position
 
 CLASSES = """
 model Mass "a mass"
@@ -99,7 +101,8 @@ def test_built_in_classes_and_their_sizes(flat, seen) -> None:
     text = (
         "model M\n parameter Real a = 2;\n J1[2] v[3]; Se[2] s[3](each e = {1, 2}); MTF[2, 2] turn[3](each T = identity(2));\n"
         " J1[2] w[3]; I[2] mass[3]; R[2] r[3](each R = 1);\n"
-        " redeclare MTF[2, 2] turn[2:3](each T = [1, a; 0, 1]);\n redeclare J0[2] w[3];\n redeclare C[2] mass[3](k = 5);  redeclare I[2] mass[1:2](each I = a);\n"
+        " redeclare MTF[2, 2] turn[2:3](each T = [1, a; 0, 1]);\n redeclare J0[2] w[3];\n redeclare C[2] mass[3](k = 5);\n"
+        " redeclare I[2] mass[1:2](each I = a);\n"
         "equation\n for i in 1:3 loop s[i] => v[i]; v[i] => turn[i] => w[i]; w[i] => mass[i], r[i]; end for;\nend M;\n"
     )
     graph = flat(text)
@@ -108,3 +111,107 @@ def test_built_in_classes_and_their_sizes(flat, seen) -> None:
     got = seen(text)
     assert got.modulus["turn[1]"] == [["1", "0"], ["0", "1"]]
     assert got.modulus["turn[2]"] == got.modulus["turn[3]"] == [["1", "a"], ["0", "1"]]
+
+
+def test_loops_and_values_run_over_an_index_vector(seen) -> None:
+    text = (
+        "model M\n J1 v; R r[3](each R = 1); I m(I = 1); Se s(e = 1); parameter Integer odd[2] = {1, 3};\n"
+        " output Real a[2] = {r[i].e for i in odd}; output Real b = sum(r[i].e for i in {3, 2});\n"
+        "equation\n s -> v; v -> m;\n for i in odd loop v -> r[i]; end for;\n for i in {2} loop v -> r[i]; end for;\nend M;\n"
+    )
+    got = seen(text)
+    assert got.equations == ["a[1] = r[1].e", "a[2] = r[3].e", "b = r[3].e + r[2].e"]
+    assert list(got.bonds) == ["s_v", "v_m", "v_r_1", "v_r_3", "v_r_2"]
+
+
+def test_what_differing_elements_share_is_read_as_from_any_array(flat, seen) -> None:
+    items = "redeclare Worn part[2](wear = 4);  output Real p[6] = part.body.p;  output Real w = part[2].friction.power;"
+    got = seen(rail(items), "Top")
+    assert [f"p[{i}] = part[{i}].body.p" for i in range(1, 7)] == got.equations[:6]
+    graph = flat(rail(items), "Top", **{"part[2].wear": 7.0, "part[1].m": 8.0})
+    values = {p.name: p.values[0].data for p in graph.parameters if p.name in ("part[2].wear", "part[1].m")}
+    assert values == {"part[1].m": 8.0, "part[2].wear": 7.0}
+
+
+def test_experiments_change_differing_elements(flat) -> None:
+    graph = flat(rail("redeclare Worn part[2:3](each wear = 4);  experiment e(part(each m = 2), part[2].wear = 5);"), "Top")
+    assert {name: value.data for name, value in graph.experiments[0].changes.items()} == {
+        **{f"part[{i}].m": 2.0 for i in range(1, 7)},
+        "part[2].wear": 5.0,
+    }
+
+
+def test_redeclared_elements_are_inherited_once(flat) -> None:
+    """Along two ways to one base, and by two classes that say the same."""
+    one = rail("redeclare Worn part[{1, 2}](wear = {3, 4});").replace("model Top", "model One").replace("end Top", "end One")
+    two = "model Two\n extends Rail;\n redeclare Worn part[{1, 2}](wear = {3, 4});\nend Two;\n"
+    left = "model Left\n extends One;\nend Left;\n"
+    for bases in ("One; extends Left", "One; extends Two"):
+        assert worn(flat(one + two + left + f"model Top\n extends {bases};\nend Top;\n", "Top")) == ["part[1].friction", "part[2].friction"]
+    other = two.replace("{3, 4}", "{3, 5}")
+    with pytest.raises(BgError, match="BG211"):
+        flat(one + other + "model Top\n extends One; extends Two;\nend Top;\n", "Top")
+
+
+FINAL = rail("redeclare final Worn part[1];")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (rail("redeclare Worn prt[1];"), "BG220]: `Top` declares and inherits no `prt` to redeclare(.|\n)*did you mean `part`"),
+        (rail("redeclare Worn part[1](worn = 2);"), "BG220]: `Worn` has no `worn` to modify(.|\n)*`part.1.` is redeclared here"),
+        (rail("redeclare Worn part[1]; experiment e(part(each wear = 2));"), "BG220]: `part.2.`, a `Mass`, has no `wear`"),
+        (FINAL + "model B\n Top t(part(each m = 2));\nend B;\n", "BG221]: `part.1.` is final"),
+        (FINAL + "model B\n extends Top;\n redeclare Mass part[{1, 2}];\nend B;\n", "BG221]: `part.1.` is final"),
+        (rail("redeclare Worn part[1];").replace("Mass part[6]", "final Mass part[6]"), "BG221]: `part` is final"),
+        (rail("redeclare Worn part[5:7];"), "BG222]: there is no such element of `part`"),
+        (rail("redeclare Worn part[1, 2];"), "BG222]: there is no such element of `part`"),
+        (rail("redeclare Se s[1];"), "BG222]: `s` is no array"),
+        (rail("redeclare Worn part[1:2](wear = 2);"), "BG222]: `wear` of an array of 2 is modified with one value"),
+        (rail("redeclare Worn part[1]; redeclare Worn part[{2, 1}];"), "BG223]: `part.1.` is redeclared twice"),
+        (rail("redeclare Worn part[1]; redeclare Worn part;"), "BG223]: `part.1.` is redeclared twice"),
+        (rail("redeclare Worn part; redeclare Worn part;"), "BG223]: `part` is redeclared twice"),
+        (rail("redeclare Worn part[{2, 2}];"), "BG223]: element 2 of `part` is chosen twice"),
+        (
+            rail("").replace("extends Rail;", "extends Rail(part[1].m = 2, part[{1, 2}](each m = 3));"),
+            "BG223]: `part.1..m` is modified twice",
+        ),
+        (rail("redeclare Rail part[1];"), "BG224]: `Rail` lacks `port in` `a` of `Mass`"),
+        (rail("redeclare TF s;"), "BG224]: `TF` has two ports, `Se` has one port"),
+        (rail("parameter Real g[2] = {1, 2};  redeclare Integer g[1];"), "BG224]: the entries of `g` are all of one type"),
+        (rail("redeclare Worn part[2]; output Real w[6] = part.wear;"), "BG230]: `part.1.`, a `Mass`, has no `wear`"),
+        (rail("redeclare Worn part[2]; R x(R = 1);", "for i in 1:6 loop part[i].friction -> x; end for;"), "BG260]: `part.1.`, a `Mass`"),
+    ],
+)
+def test_mistakes(flat, text: str, said: str) -> None:
+    model = "B" if "model B" in text else "Top"
+    with pytest.raises(BgError, match=said):
+        flat(text, model)
+
+
+def test_values_of_different_sizes_make_no_array(flat) -> None:
+    text = (
+        "model One\n parameter Real x = 1;\nend One;\nmodel Two\n parameter Real x[2] = {1, 2};\nend Two;\n"
+        "model M\n One q[3];  redeclare Two q[2];  output Real x[3] = q.x;\nend M;\n"
+    )
+    with pytest.raises(
+        BgError, match=r"`x` is not of one size in the elements of `q`(.|\n)*of `q\[1\]` it is a scalar, of `q\[2\]` a vector of 2"
+    ):
+        flat(text, "M")
+
+
+def test_what_a_redeclaration_cannot_say(flat) -> None:
+    with pytest.raises(BgError, match="it cannot make it `parameter`"):
+        flat(rail("redeclare parameter Real m;"), "Top")
+
+
+def test_each_item_is_looked_at_once_not_once_for_each_element(flat, monkeypatch) -> None:
+    looked: list[object] = []
+    monkeypatch.setattr(claims, "position", lambda *args: looked.append(args) or position(*args))
+    n = 300
+    items = "".join(f"redeclare Worn p[{i}](wear = {i});\n" for i in range(1, n + 1))
+    loop = f"for i in 1:{n} loop hub -> p[i].a; end for;"
+    text = f"{CLASSES}model Top\n J1 hub; Se s(e = 1);\n Mass p[{n}];\n{items}equation\n s -> hub;\n {loop}\nend Top;\n"
+    assert len(worn(flat(text, "Top"))) == n
+    assert len(looked) == n

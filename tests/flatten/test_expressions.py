@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bgdsl import expr
 from bgdsl.diagnostics import BgError
-from bgdsl.expr import evaluate
+from bgdsl.expr import evaluate, nodes
 from bgdsl.ir.graph import BondGraph
 
 TAIL = (
@@ -220,16 +219,16 @@ def test_imports(flat, tmp_path: Path) -> None:
 
 
 def test_expressions_that_nobody_holds_are_forgotten() -> None:
-    expr._sweep()
-    before = len(expr._table)
-    root = expr.var("forgotten")
+    nodes._sweep()
+    before = len(nodes._table)
+    root = nodes.var("forgotten")
     for _ in range(100):
-        root = expr.unary("sin", root) + 1.0
-    kept = expr.var("kept") * 2.0
-    expr._sweep()
-    assert len(expr._table) >= before + 203, "what is held stays, operands too"
-    assert expr.var("kept") * 2.0 is kept
+        root = nodes.unary("sin", root) + 1.0
+    kept = nodes.var("kept") * 2.0
+    nodes._sweep()
+    assert len(nodes._table) >= before + 203, "what is held stays, operands too"
+    assert nodes.var("kept") * 2.0 is kept
     del root
-    expr._sweep()
-    assert ("var", "forgotten", ()) not in expr._table, "operands go with the last node that holds them"
-    assert ("var", "kept", ()) in expr._table
+    nodes._sweep()
+    assert ("var", "forgotten", ()) not in nodes._table, "operands go with the last node that holds them"
+    assert ("var", "kept", ()) in nodes._table

@@ -243,7 +243,7 @@ class System:
         """Run an experiment, or the model as it stands.
 
         parameters: changes by dotted path; as keywords too (`mA=12.0`). Settings of the run: stop, interval, tolerance (or rtol,
-        atol), method, max_step, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go to that
+        atol), method, max_step, most_steps, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go to that
         file (CSV, netCDF, Parquet).
         A structural parameter has the model flattened and compiled again, and `say` is told.
         """
@@ -289,7 +289,7 @@ class System:
         return self.model.changed(wanted).compile()
 
 
-_SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift")
+_SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift", "most_steps")
 
 
 def settings_of(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -> tuple[Settings, dict[str, Any]]:

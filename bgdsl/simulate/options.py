@@ -46,6 +46,7 @@ class Options:
     """A run, settled. Times in seconds. `parameters`: all scalar parameters in order (`ir.native.parameter_names`).
 
     variables: what to record (None: the outputs). tolerance of the projection onto invariants: `drift`, relative.
+    most_steps: a run that takes (some) more is given up.
     inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing
     (not `step_given`), bounded in models that functions of time drive.
     """
@@ -64,6 +65,7 @@ class Options:
     variables: tuple[str, ...] | None = None
     inputs: Path | Mapping[str, Any] | None = None
     drift: float = 1e-10
+    most_steps: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class Settings:
     variables: tuple[str, ...] | None = None
     inputs: Path | Mapping[str, Any] | None = None
     drift: float = 1e-10
+    most_steps: float = math.inf
 
 
 def resolve_options(
@@ -161,6 +164,7 @@ def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[
         variables=settings.variables,
         inputs=settings.inputs,
         drift=settings.drift,
+        most_steps=settings.most_steps,
     )
 
 

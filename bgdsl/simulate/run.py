@@ -212,6 +212,7 @@ class Journey:
                 stepper.move(x)
             self._look(stepper)
             self.watch.pace(stepper.t, stepper.x, stepper.counters.steps)
+            self._limit(stepper)
             self._tell(stepper.t)
         return stepper.t, stepper.x
 
@@ -230,12 +231,18 @@ class Journey:
                 if what == "root":
                     stepper.restart(stepper.t, self._event(stepper.t, stepper.x.copy(), stepper.roots(self.watch.kernel.size)))
                 self.watch.pace(stepper.t, stepper.x, stepper.counters.steps)
+                self._limit(stepper)
                 self._tell(stepper.t)
         finally:
             stepper.finish()
             t, x = stepper.t, stepper.x.copy()
             stepper.close()
         return t, x
+
+    def _limit(self, stepper: Stepper | CvodeStepper) -> None:
+        """Give up where the caller would not wait longer."""
+        if stepper.counters.steps > self._options.most_steps:
+            raise IntegrationError(f"the run takes more than {self._options.most_steps:g} steps", stepper.t, stepper.x.copy())
 
     def _look(self, stepper: Stepper) -> None:
         """What an accepted step is looked at for: events first, since they cut it."""

@@ -23,6 +23,27 @@ class Step:
     reason: Reason
 
 
+def antecedents(scalar: ScalarGraph, reasons: Sequence[Reason], starts: Sequence[int], most: int = 100) -> tuple[int, ...]:
+    """The terms from which the values of the start terms follow, nearest first, back to choices and facts (or so many)."""
+    seen = dict.fromkeys(starts)
+    queue = list(starts)
+    for t in queue:
+        if len(seen) >= most:
+            break
+        reason = reasons[t]
+        if reason.term is not None:
+            before = [reason.term]
+        elif reason.cause == "last":
+            before = [other for other in scalar.terms_at[scalar.terms[t].junction] if other != t]
+        else:
+            before = []
+        for b in before:
+            if b not in seen:
+                seen[b] = None
+                queue.append(b)
+    return tuple(seen)
+
+
 class Story:
     """Tells stories about one scalar graph."""
 

@@ -23,10 +23,10 @@ from bgdsl.ir.scalar import ScalarGraph, Term
 from bgdsl.passes.augment import augment, augment_two_port
 from bgdsl.passes.causal_constraints import ConstraintCheck
 from bgdsl.passes.causal_errors import dependent_storages, needless_derivative, one_way_law, refused_stroke, two_sources
+from bgdsl.passes.causal_facts import facts, ports_of, sets
 from bgdsl.passes.causal_loops import Graph, causal_loops, dependence, reachable
-from bgdsl.passes.causal_story import Step, Story
-from bgdsl.passes.law_directions import only_direction, written_direction
-from bgdsl.passes.moduli import Moduli
+from bgdsl.passes.causal_story import Step, Story, antecedents
+from bgdsl.passes.law_directions import written_direction
 from bgdsl.passes.propagation import Assignment, Conflict
 from bgdsl.passes.strokes import bond_strokes, demands
 
@@ -59,22 +59,16 @@ class _Scap:
         self.derivative: dict[str, tuple[int, ...]] = {}
         self.first_dependent: list[Step] = []
         self.decided = 0
-        self.ports: dict[str, list[Term]] = {}
-        for term in scalar.terms:
-            if term.other is None and term.element is not None:
-                self.ports.setdefault(term.element, []).append(term)
+        self.ports = ports_of(scalar)
         self.algebraic = [
             term.other is None and term.element is not None and self.elements[term.element].kind in ("R", "field") for term in scalar.terms
         ]
-        for terms in self.ports.values():
-            terms.sort(key=lambda term: (term.port, term.spot))
 
     # ------------------------------------------------------------------------------------------------------------ facts
 
     def fix(self) -> None:
         """Set all that leaves no choice, then follow it."""
-        moduli = Moduli(self.scalar.graph)
-        for term, value, reason in [*self.sources(), *self.one_way_moduli(moduli), *self.one_way_laws(moduli)]:
+        for term, value, reason in facts(self.scalar, self.ports, self.related):
             conflict = self.state.set(term.index, value, reason)
             if conflict is not None:
                 self.settle(conflict)
@@ -84,47 +78,6 @@ class _Scap:
             elif len(at) == 1:
                 self.state.set(at[0], 1, Reason("last"))
         self.follow()
-
-    def sources(self) -> Iterator[tuple[Term, int, Reason]]:
-        for element in self.scalar.graph.elements:
-            if element.kind in ("Se", "MSe", "Sf", "MSf"):
-                for term in self.ports[element.name]:
-                    yield term, int(self.sets(term, element.kind.endswith("e"))), Reason("source")
-
-    def sets(self, term: Term, gives_effort: bool) -> bool:
-        """Does a one-port that gives out effort (or flow) here determine its junction?"""
-        return gives_effort == (self.scalar.junctions[term.junction].kind == 0)
-
-    def one_way_moduli(self, moduli: Moduli) -> Iterator[tuple[Term, int, Reason]]:
-        """Two-ports that must not divide by their modulus: multiplying, an end with a relation determines, one without does not."""
-        crowded = self.crowded_entries()
-        for term in self.scalar.terms:
-            if term.modulus is not None and (term.index in crowded or moduli.can_vanish(term.modulus)):
-                yield term, int(term.index in self.related), Reason("modulus")
-
-    def crowded_entries(self) -> set[int]:
-        """Entries that share their row or column of a matrix with another, and all entries of Euler structures."""
-        count: dict[tuple[str, int, int], int] = {}
-        entries = [term for term in self.scalar.terms if term.is_two_port and term.element is not None and term.entry is not None]
-        for term in entries:
-            assert term.element is not None
-            key = (term.element, term.port, term.spot)
-            count[key] = count.get(key, 0) + 1
-        crowded: set[int] = set()
-        for term in entries:
-            assert term.element is not None and term.other is not None
-            if count[term.element, term.port, term.spot] > 1 or self.elements[term.element].kind == "EJS":
-                crowded |= {term.index, term.other}
-        return crowded
-
-    def one_way_laws(self, moduli: Moduli) -> Iterator[tuple[Term, int, Reason]]:
-        """Ports of resistors and user elements that can only give out one of effort and flow."""
-        for element in self.scalar.graph.elements:
-            if element.kind in ("R", "field"):
-                for term in self.ports.get(element.name, ()):
-                    direction = only_direction(element, term, moduli)
-                    if direction is not None:
-                        yield term, int(self.sets(term, direction == "e")), Reason("law")
 
     def follow(self) -> None:
         """Propagate to the end, putting a constraint wherever a conflict is met."""
@@ -230,7 +183,7 @@ class _Scap:
         for element in self.scalar.graph.elements:
             if element.kind in ("I", "C"):
                 for term in self.ports[element.name]:
-                    yield element, term, int(self.sets(term, element.kind == "C"))
+                    yield element, term, sets(self.scalar, term, element.kind == "C")
 
     def prefer_storage(self, element: Element, term: Term, wanted: int) -> None:
         state = self.state
@@ -266,7 +219,7 @@ class _Scap:
         for element in self.scalar.graph.elements:
             if element.kind in ("R", "field"):
                 for term in self.ports.get(element.name, ()):
-                    self.choose(term, int(self.sets(term, written_direction(element, term) == "e")))
+                    self.choose(term, sets(self.scalar, term, written_direction(element, term) == "e"))
         for term in self.scalar.terms:
             self.choose(term, 1)
         for since in (mark, self.decided):
@@ -425,25 +378,9 @@ class _Scap:
         """What these terms are at this moment, and why."""
         return [Step(t, self.state.value[t], self.state.reason[t]) for t in terms]
 
-    def chain(self, starts: list[int], most: int = 100) -> tuple[int, ...]:
-        """The terms from which the values of the start terms follow, nearest first, back to choices and facts (or so many)."""
-        seen = dict.fromkeys(starts)
-        queue = list(starts)
-        for t in queue:
-            if len(seen) >= most:
-                break
-            reason = self.state.reason[t]
-            if reason.term is not None:
-                before = [reason.term]
-            elif reason.cause == "last":
-                before = [other for other in self.scalar.terms_at[self.scalar.terms[t].junction] if other != t]
-            else:
-                before = []
-            for b in before:
-                if b not in seen:
-                    seen[b] = None
-                    queue.append(b)
-        return tuple(seen)
+    def chain(self, starts: list[int]) -> tuple[int, ...]:
+        """The terms from which the values of the start terms follow, as things are at this moment."""
+        return antecedents(self.scalar, self.state.reason, starts)
 
     # ----------------------------------------------------------------------------------------------------------- result
 

@@ -91,6 +91,7 @@ NUMBER = re.compile(r"~(?:\\-)?(?:\\?[\d.])+(?:e(?:\\[-+])?\d+)?")
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGES.md"], ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"`[^`]+`", "", text)  # code is no link: `cyl[1](m = 2)`
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         path, _, anchor = target.partition("#")
         if "://" in target:

@@ -22,6 +22,9 @@ model Lever "two mass-spring-dampers coupled by a lever"
   J1 vA;  I massA(I = mA, f(start = 1));  C springA(k = kA);  R damperA(R = RA);
   open J1[3] v;  I[3] mass(I = m*identity(3));    EJS[3] coriolis(G = m*skew(w.f))      "w x p";
   open J1[3] w;  I[3] inertia(I = diagonal(J));   EJS[3] euler(G = -skew(inertia.p))    "w x h";
+  Cylinder cyl[6](each bore = 0.13);
+  redeclare Misfiring cyl[1];  redeclare Worn cyl[{2, 5}](each wear = 0.1) "two worn ones";
+  redeclare final MTF[3, 3] turn[3:end](each T = M .* R, final x = 2);
   // before the experiment
   experiment kick(stopTime = 20, interval = 1e-2, tolerance = 1e-8);
 // before the equations

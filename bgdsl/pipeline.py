@@ -243,8 +243,8 @@ class System:
         """Run an experiment, or the model as it stands.
 
         parameters: changes by dotted path; as keywords too (`mA=12.0`). Settings of the run: stop, interval, tolerance (or rtol,
-        atol), method, max_step, most_steps, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go to that
-        file (CSV, netCDF, Parquet).
+        atol), method, max_step, most_steps, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go
+        to that file (CSV, netCDF, Parquet).
         A structural parameter has the model flattened and compiled again, and `say` is told.
         """
         from bgdsl.simulate import run

@@ -25,6 +25,7 @@ class _Routine:
 
     def __init__(self, head: str, numbers: Iterator[int]) -> None:
         self.head = head
+        self.group = ""
         self.numbers = numbers
         self.variables: list[str] = []
         self.lines: list[str] = []
@@ -52,10 +53,10 @@ class _Routine:
         return name
 
     def get(self, variable: str, kind: str = "double") -> str:
-        return self.new(f"load {kind}, ptr {variable}")
+        return self.new(f"load {kind}, ptr {variable}{self.group}")
 
     def set(self, variable: str, value: str, kind: str = "double") -> None:
-        self.do(f"store {kind} {value}, ptr {variable}")
+        self.do(f"store {kind} {value}, ptr {variable}{self.group}")
 
     def at(self, array: str, index: str) -> str:
         return self.new(f"getelementptr inbounds double, ptr {array}, i64 {index}")
@@ -93,24 +94,34 @@ class _Routine:
         return self.new(f"bitcast i64 {self.get(most, 'i64')} to double")
 
     @contextmanager
-    def loop(self, start: str, end: str, *, wide: bool = False) -> Iterator[str]:
-        """For i from `start` up to `end`, exclusive; `wide` where it is worth LLVM's time to do several at once."""
+    def loop(self, start: str, end: str, *, wide: bool = False, apart: bool = False) -> Iterator[str]:
+        """For i from `start` up to `end`, exclusive; `wide` where it is worth LLVM's time to do several at once, `apart` where besides
+        no turn reads or writes what another one writes."""
         index = self.variable("i64")
         name = self.name()[1:]
         self.set(index, start, "i64")
         self.do(f"br label %head{name}\nhead{name}:")
+        mark = self.apart() if apart else "" if wide else self.mark("!0")
         i = self.get(index, "i64")
         more = self.new(f"icmp slt i64 {i}, {end}")
         self.do(f"br i1 {more}, label %body{name}, label %end{name}\nbody{name}:")
         yield i
         self.set(index, self.integer("add", i, "1"), "i64")
-        self.do(f"br label %head{name}{'' if wide else self.narrow()}\nend{name}:")
+        self.do(f"br label %head{name}{mark}\nend{name}:")
+        self.group = ""
 
-    def narrow(self) -> str:
-        """A mark on a loop's last branch: one at a time."""
+    def mark(self, *properties: str) -> str:
+        """What to write at a loop's last branch for it to have these properties."""
         mark = f"!{next(self.numbers)}"
-        self.marks.append(f"{mark} = distinct !{{{mark}, !0}}")
+        self.marks.append(f"{mark} = distinct !{{{', '.join((mark, *properties))}}}")
         return f", !llvm.loop {mark}"
+
+    def apart(self) -> str:
+        """The mark of a loop whose turns do not meet, and from here on that of its accesses (`group`)."""
+        group, accesses = f"!{next(self.numbers)}", f"!{next(self.numbers)}"
+        self.marks += (f"{group} = distinct !{{}}", f'{accesses} = !{{!"llvm.loop.parallel_accesses", {group}}}')
+        self.group = f", !llvm.access.group {group}"
+        return self.mark(accesses)
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
@@ -128,12 +139,12 @@ class _Routine:
 
     def subtract(self, target: str, factor: str, source: str, start: str, end: str) -> None:
         """target[j] -= factor source[j]"""
-        with self.loop(start, end, wide=True) as j:
+        with self.loop(start, end, apart=True) as j:
             product = self.float("fmul", factor, self.load(source, j))
             self.store(target, j, self.float("fsub", self.load(target, j), product))
 
     def swap(self, a: str, b: str, width: str) -> None:
-        with self.loop("0", width, wide=True) as j:
+        with self.loop("0", width, apart=True) as j:
             x, y = self.load(a, j), self.load(b, j)
             self.store(a, j, y)
             self.store(b, j, x)
@@ -142,7 +153,7 @@ class _Routine:
 def _factor(numbers: Iterator[int]) -> str:
     r = _Routine("i32 @bg_factor(i64 %n, ptr noalias %A, ptr noalias %s)", numbers)
     rows, columns = r.at("%s", "%n"), r.at("%s", r.integer("mul", "%n", "2"))
-    best, where = r.variable(), r.variable("i64")
+    best, where, found = r.variable(), r.variable("i64"), r.variable("i64")
     with r.loop("0", "%n") as i:
         most = r.largest_of(r.row("%A", i, "%n"), "%n")
         with r.when(r.test("ule", most, "0.0")):
@@ -158,10 +169,16 @@ def _factor(numbers: Iterator[int]) -> str:
             r.store(columns, j, r.new(f"select i1 {r.test('ogt', value, before)}, double {value}, double {before}"))
     noise = r.float("fmul", r.new("sitofp i64 %n to double"), literal(2.0**-52))
     with r.loop("0", "%n") as k:
-        r.set(best, "-1.0")
+        top, after = r.row("%A", k, "%n"), r.integer("add", k, "1")
+        r.set(best, r.float("fmul", r.size(r.load(top, k)), r.load(rows, k)))
         r.set(where, k, "i64")
-        with r.loop(k, "%n") as i:
-            value = r.float("fmul", r.size(r.load(r.row("%A", i, "%n"), k)), r.load(rows, i))
+        r.set(found, after, "i64")  # the rows below with an entry in this column are listed where later pivots will stand
+        with r.loop(after, "%n") as i:
+            entry = r.load(r.row("%A", i, "%n"), k)
+            here = r.get(found, "i64")
+            r.set(r.at("%s", here), i, "i64")
+            r.set(found, r.integer("add", here, r.new(f"zext i1 {r.test('une', entry, '0.0')} to i64")), "i64")
+            value = r.float("fmul", r.size(entry), r.load(rows, i))
             with r.when(r.test("ogt", value, r.get(best))):
                 r.set(best, value)
                 r.set(where, i, "i64")
@@ -169,14 +186,12 @@ def _factor(numbers: Iterator[int]) -> str:
             r.leave("i32 1")
         p = r.get(where, "i64")
         r.do(f"store i64 {p}, ptr {r.at('%s', k)}")
-        top = r.row("%A", k, "%n")
         with r.when(r.new(f"icmp ne i64 {p}, {k}")):
             r.swap(top, r.row("%A", p, "%n"), "%n")
             r.store(rows, p, r.load(rows, k))
         inverse = r.float("fdiv", "1.0", r.load(top, k))
-        after = r.integer("add", k, "1")
-        with r.loop(after, "%n") as i:
-            row = r.row("%A", i, "%n")
+        with r.loop(after, r.get(found, "i64")) as listed:
+            row = r.row("%A", r.get(r.at("%s", listed), "i64"), "%n")
             below = r.load(row, k)
             with r.when(r.test("une", below, "0.0")):
                 factor = r.float("fmul", below, inverse)

@@ -11,18 +11,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from bgdsl.backends.tape import LinearSolve, NewtonSolve, Tape
-from bgdsl.expr import FUNCTIONS
+from bgdsl.expr import FUNCTIONS, RELATIONS
 
 _BINARY: Mapping[str, Callable[[float, float], float]] = {
     "mul": operator.mul,
     "div": operator.truediv,
     "pow": lambda a, b: math.pow(a, b),
-    "lt": lambda a, b: float(a < b),
-    "le": lambda a, b: float(a <= b),
-    "eq": lambda a, b: float(a == b),
-    "ne": lambda a, b: float(a != b),
-    "and": lambda a, b: float(bool(a) and bool(b)),
-    "or": lambda a, b: float(bool(a) or bool(b)),
+    **RELATIONS,
     "atan2": math.atan2,
     "min": min,
     "max": max,

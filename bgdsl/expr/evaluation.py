@@ -91,6 +91,6 @@ def _value(node: Expr, args: list[float], values: Mapping[str, float], time: flo
         case "table":
             return tables[node.data[0]](args[0], node.data[1])
         case op if op in RELATIONS:
-            return float(RELATIONS[op](args[0], args[1]))
+            return RELATIONS[op](args[0], args[1])
         case op:
             return float(FUNCTIONS[op](*args))

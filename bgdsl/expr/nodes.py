@@ -269,14 +269,15 @@ FUNCTIONS: Mapping[str, Callable[..., float]] = {
 }
 """The elementary functions with their meaning on floats: `atan2`, `min`, `max` take two arguments, the others one."""
 
-RELATIONS: Mapping[str, Callable[[float, float], bool]] = {
-    "lt": lambda a, b: a < b,
-    "le": lambda a, b: a <= b,
-    "eq": lambda a, b: a == b,
-    "ne": lambda a, b: a != b,
-    "and": lambda a, b: bool(a) and bool(b),
-    "or": lambda a, b: bool(a) or bool(b),
+RELATIONS: Mapping[str, Callable[[float, float], float]] = {
+    "lt": lambda a, b: float(a < b),
+    "le": lambda a, b: float(a <= b),
+    "eq": lambda a, b: float(a == b),
+    "ne": lambda a, b: float(a != b),
+    "and": lambda a, b: float(bool(a) and bool(b)),
+    "or": lambda a, b: float(bool(a) or bool(b)),
 }
+"""The relations with their meaning on floats: 1.0 where they hold, else 0.0."""
 
 
 def unary(name: str, a: Expr) -> Expr:
@@ -306,7 +307,7 @@ def binary(name: str, a: Expr, b: Expr) -> Expr:
 def relation(name: str, a: Expr, b: Expr) -> Expr:
     """`lt`, `le`, `eq`, `ne`, `and` or `or`."""
     if a.op == "const" and b.op == "const":
-        return const(float(RELATIONS[name](a.data, b.data)))
+        return const(RELATIONS[name](a.data, b.data))
     if name in ("and", "or"):
         for one, other in ((a, b), (b, a)):
             if one.op == "const":

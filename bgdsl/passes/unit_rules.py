@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from bgdsl.expr import Expr
+from bgdsl.expr import Expr, topological
 from bgdsl.ir.dimensions import NUMBER, Unit, agree, over, power, times
 
 PURE = Unit(NUMBER.exponents)
@@ -40,20 +40,9 @@ class Rules:
 
     def unit(self, root: Expr) -> Unit | None:
         """The unit of the expression; `PURE` or None as the module says."""
-        known = self.known
-        stack = [root]
-        while stack:
-            node = stack[-1]
-            if node in known:
-                stack.pop()
-                continue
-            missing = [arg for arg in node.args if arg not in known]
-            if missing:
-                stack += missing
-            else:
-                known[node] = self._combine(node)
-                stack.pop()
-        return known[root]
+        for node in topological((root,), self.known):
+            self.known[node] = self._combine(node)
+        return self.known[root]
 
     def _combine(self, node: Expr) -> Unit | None:
         units = [self.known[arg] for arg in node.args]

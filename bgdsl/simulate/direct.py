@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import TYPE_CHECKING
 
-from bgdsl.expr import FUNCTIONS, Expr, Table, topological
+from bgdsl.expr import FUNCTIONS, RELATIONS, Expr, Table, topological
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import OFFSETS, Assign, Program, SolveLinear, SolveNewton, Step
 
@@ -35,14 +35,9 @@ _OPERATORS: Mapping[str, Callable[..., float]] = {
     "mul": lambda a, b: a * b,
     "div": lambda a, b: a / b,
     "neg": lambda a: -a,
-    "lt": lambda a, b: float(a < b),
-    "le": lambda a, b: float(a <= b),
-    "eq": lambda a, b: float(a == b),
-    "ne": lambda a, b: float(a != b),
-    "and": lambda a, b: float(bool(a) and bool(b)),
-    "or": lambda a, b: float(bool(a) or bool(b)),
     "not": lambda a: float(not a),
     "if": lambda c, a, b: a if c else b,
+    **RELATIONS,
     **FUNCTIONS,
 }
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from bgdsl.backends.numpy.names import Namespace, printable
-from bgdsl.expr import Expr, Table, var
+from bgdsl.expr import Expr, Table, topological, var
 from bgdsl.ir.graph import Origin
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton, Step, needed, read
@@ -283,18 +283,8 @@ class Speller:
     def is_plain(self, node: Expr) -> bool:
         """Whether a node is made of parameters alone, so that it may be a Python number."""
         known = self.plain
-        stack = [node]
-        while stack:
-            top = stack[-1]
-            if top in known:
-                stack.pop()
-            elif top.op in ("var", "time"):
-                known[top] = False
-            else:
-                missing = [arg for arg in top.args if arg not in known]
-                stack += missing
-                if not missing:
-                    known[top] = all(known[arg] for arg in top.args)
+        for inner in topological((node,), known):
+            known[inner] = inner.op not in ("var", "time") and all(known[arg] for arg in inner.args)
         return known[node]
 
     def wrapped(self, node: Expr, least: int) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bgdsl.ir.activity import ActivityReport
@@ -18,9 +18,10 @@ from bgdsl.ir.partition import Dependencies, Edge, Frozen, Partition, Partitions
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, decide, settle
 from bgdsl.reductions.determined import gone_elements, reinstate
-from bgdsl.reductions.flat_text import FlatPart, flat_name, flat_text
-from bgdsl.reductions.rewrite_source import LEAST_TOLD, Provenance, term_comments
+from bgdsl.reductions.part import Part
+from bgdsl.reductions.rewrite_source import LEAST_TOLD, Provenance, describing
 from bgdsl.reductions.source_map import UnwritableError, refuse
+from bgdsl.reductions.structured_text import needed, structured_text
 
 Needs = Callable[[frozenset[int]], Dependencies]
 Split = Callable[[Dependencies, Collection[Edge]], Partitions]
@@ -182,21 +183,17 @@ def _all_written(
     wanted: Collection[int] | None,
 ) -> tuple[Written, ...]:
     parts = [_part(scalar, result, partition, changed) for partition in result.partitions.partitions]
-    comments = term_comments(scalar, report)
-    annotation = provenance.annotation()
-    asked = [flat_text(scalar, part, annotation, comments, folder=folder)[1] for part in parts]
+    asked = [needed(scalar, part) for part in parts]
     given = {variable: None for k, inputs in enumerate(asked) if wanted is None or k in wanted for variable in inputs}
     written = []
     for partition, part, inputs in zip(result.partitions.partitions, parts, asked, strict=True):
         if wanted is not None and partition.number not in wanted:
             continue
         gives = tuple(v for v in given if v not in inputs and _belongs(scalar, result, partition, v))
-        giving = FlatPart(part.junctions, part.signals, part.dropped, part.gone, part.frozen, gives, part.changed)
         model = f"{report.model}_{partition.number + 1}_{partition.role}"
-        text, _ = flat_text(scalar, giving, annotation, comments, folder=folder, name=model)
+        new = structured_text(scalar, replace(part, outputs=gives), provenance.annotation(), describing(report), folder=folder, name=model)
         file = f"{stem}_{partition.number + 1}_{partition.role}.bg"
-        names = [{v: flat_name(v) for v in some} for some in (inputs, gives)]
-        written.append(Written(file, text, partition, *names))
+        written.append(Written(file, new.text, partition, new.inputs, new.outputs))
     return tuple(written)
 
 
@@ -222,10 +219,10 @@ def partitions_for(scalar: ScalarGraph, result: Partitioning, variables: Iterabl
     return frozenset(wanted)
 
 
-def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, changed: Mapping[str, float]) -> FlatPart:
+def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, changed: Mapping[str, float]) -> Part:
     frozen = {(f.reader, f.signal): f.value for f in result.frozen}
     gone = gone_elements(scalar, result.decision)
-    return FlatPart(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, (), changed)
+    return Part(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, (), changed)
 
 
 def _figure(share: float) -> float:

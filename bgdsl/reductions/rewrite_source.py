@@ -24,10 +24,11 @@ from bgdsl.reductions.condition import Decision, owners, read_names, settle
 from bgdsl.reductions.cuts import PortBonds, Writer, write_cuts, write_removal
 from bgdsl.reductions.determined import gone_elements
 from bgdsl.reductions.documents import document
-from bgdsl.reductions.flat_text import everything, flat_text
+from bgdsl.reductions.part import everything
 from bgdsl.reductions.plan import Plan, plan
 from bgdsl.reductions.source_map import SourceMap, UnwritableError, refuse
 from bgdsl.reductions.specialise import specialise, term_mark
+from bgdsl.reductions.structured_text import structured_text
 from bgdsl.reductions.two_ports import write_split
 from bgdsl.source import Edit
 from bgdsl.syntax import ast
@@ -165,13 +166,13 @@ def _flat(
     comments = term_comments(scalar, report)
     part = replace(everything(scalar, decision.dropped, gone_elements(scalar, decision)), changed=changed)
     try:
-        text, _ = flat_text(scalar, part, provenance.annotation(), comments, folder=folder)
+        new = structured_text(scalar, part, provenance.annotation(), describing(report), folder=folder)
     except UnwritableError as problem:
         refuse(scalar.graph, problem.reason)
     changes = tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(decision.dropped))
     # one reason for all elements of an array
     told = tuple(dict.fromkeys(re.sub(r"\[[\d,]+\]", "", reason) for reason in reasons.values()))
-    return Rewrite(text, changes, flat=True, reasons=told)
+    return Rewrite(new.text, changes, new.forward, flat=True, reasons=told)
 
 
 def _written(

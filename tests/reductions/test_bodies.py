@@ -6,7 +6,7 @@ import random
 
 import pytest
 from driving import measure, provenance
-from test_oracle import flat_state, rates
+from test_oracle import rates
 
 from bgdsl import pipeline
 from bgdsl.ir.activity import ActivityReport
@@ -50,12 +50,9 @@ def test_kept_and_flat_say_the_same(two: tuple[pipeline.Model, ActivityReport], 
     states = {record.name: rng.uniform(-0.5, 0.5) for record in reduced.program.states}
     found = rates(reduced, states)
     again = pipeline.loads(flat.text)
-
-    def named(state: str) -> str:
-        return flat_state(state) if state.rpartition(".")[2][0] in "pq" else state.replace(".", "_")
-
-    wanted = rates(again, {named(state): value for state, value in states.items()})
-    assert {named(state): value for state, value in found.items()} == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+    moved = {state: flat.forward.get(state, state) for state in states}
+    wanted = rates(again, {moved[state]: value for state, value in states.items()})
+    assert {moved[state]: value for state, value in found.items()} == pytest.approx(wanted, rel=1e-9, abs=1e-9)
 
 
 def test_a_modulus_given_from_outside_is_shared_out_there(two: tuple[pipeline.Model, ActivityReport]) -> None:
@@ -67,26 +64,24 @@ def test_a_modulus_given_from_outside_is_shared_out_there(two: tuple[pipeline.Mo
     assert "import mechanics.rigid.cardan;" in kept.text
 
 
-def test_a_user_s_element_has_a_flat_form() -> None:
+def test_a_user_s_element_stays_one() -> None:
     from pathlib import Path
 
     import bgdsl
-    from bgdsl.reductions.flat_text import everything, flat_text
+    from bgdsl.reductions.part import everything
+    from bgdsl.reductions.structured_text import structured_text
 
     examples = Path(bgdsl.__file__).parent / "library" / "mechanics" / "rigid_examples.bg"
     model = pipeline.load(examples, "HangingByHinge")
     assert any(element.kind == "field" for element in model.graph.elements)
-    text, inputs = flat_text(model.scalar, everything(model.scalar, frozenset(), frozenset()), "", {})
-    assert inputs == ()
-    again = pipeline.loads(text)
+    new = structured_text(model.scalar, everything(model.scalar, frozenset(), frozenset()), "", lambda _: "")
+    assert not new.inputs
+    again = pipeline.loads(new.text, model.name)
     rng = random.Random(2)
     states = {record.name: rng.uniform(-0.3, 0.3) for record in model.program.states}
-
-    def named(state: str) -> str:
-        return flat_state(state) if state.rpartition(".")[2][0] in "pq" else state.replace(".", "_")
-
-    found = rates(again, {named(state): value for state, value in states.items()})
-    assert found == pytest.approx({named(state): value for state, value in rates(model, states).items()}, rel=1e-12, abs=1e-12)
+    moved = {state: new.forward.get(state, state) for state in states}
+    found = rates(again, {moved[state] or "": value for state, value in states.items()})
+    assert found == pytest.approx({moved[state]: value for state, value in rates(model, states).items()}, rel=1e-12, abs=1e-12)
 
 
 def test_reducing_twice_at_one_threshold_is_reducing_once() -> None:

@@ -121,7 +121,7 @@ end Fan;
     assert len(again.program.states) == len(pipeline.loads(result.text).program.states)
 
 
-def test_what_a_class_cannot_say_is_written_flat() -> None:
+def test_elements_of_an_array_that_differ_get_classes_of_their_own() -> None:
     _, result = reduced(
         f"""{PART}
 model Row
@@ -135,8 +135,8 @@ end Row;
     assert result.flat
     assert result.reasons
     names = {e.name for e in recompiled(result.text).graph.elements}
-    assert "cell_2_air" in names
-    assert "cell_1_air" not in names
+    assert "cell[2].air" in names
+    assert "cell[1].air" not in names
 
 
 def test_files_beside_the_model_are_copied_in(tmp_path: Path) -> None:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import BgError, Diagnostic, Reporter
-from bgdsl.expr import evaluate
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.graph import BondGraph
 from bgdsl.ir.program import Assign, Program, Record, defined
@@ -158,7 +157,8 @@ class Model:
 
     def changed(self, overrides: Mapping[str, Value]) -> Model:
         """The same model flattened again with other values for (structural) parameters."""
-        return instantiate(self.library, self.name, {**self.overrides, **overrides}, Reporter())
+        kept = {name: value for name, value in self.overrides.items() if not (name.endswith("]") and name.rpartition("[")[0] in overrides)}
+        return instantiate(self.library, self.name, {**kept, **overrides}, Reporter())
 
     def sizes(self) -> dict[str, int]:
         """How large the model is: bonds, equations, states, loops (blocks that have to be solved)."""
@@ -251,7 +251,6 @@ class System:
 
         settings, changes = settings_of(more, parameters)
         system = self._restructured(experiment, changes, say)
-        changes = {name: value for name, value in changes.items() if name not in system.model.overrides}
         options = system.options(experiment, changes, settings)
         return run.simulate(
             system.native,
@@ -271,17 +270,12 @@ class System:
 
     def _restructured(self, experiment: str | None, changes: Mapping[str, Any], say: Callable[[str], None] | None) -> System:
         """This system, or one compiled anew where the run changes structural parameters."""
-        structural = {p.name for p in self.model.graph.parameters if p.structural}
-        experiments = self.model.graph.experiments
-        alone = experiment is None and len(experiments) == 1  # then it is run without being named
-        chosen = next((e for e in experiments if alone or e.name == experiment), None)
-        wanted: dict[str, Any] = {}
-        if chosen is not None and structural:
-            changed = {name: value for name, value in chosen.changes.items() if name.partition("[")[0] in structural}
-            if changed:
-                known = {**self.parameters, **{name: value for name, value in changes.items() if isinstance(value, float | int)}}
-                wanted = {name: evaluate(value, parameters=known) for name, value in changed.items()}
-        wanted |= {name: value for name, value in changes.items() if name in structural}
+        graph = self.model.graph
+        if not any(parameter.structural for parameter in graph.parameters):
+            return self
+        from bgdsl.simulate.structure import structural_changes
+
+        wanted = structural_changes(graph.parameters, graph.experiments, experiment, changes)
         if not wanted:
             return self
         if say is not None:

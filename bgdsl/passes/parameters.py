@@ -140,7 +140,7 @@ def _binding(build: Build, part: ParameterPart) -> tuple[Value, Span]:
     """The value and where it is written: an override, else the outermost claim's."""
     if part.name in build.overrides:
         build.used.add(part.name)
-        return _lifted(build.overrides[part.name], part), part.origin.span
+        return _overridden(build, part, _lifted(build.overrides[part.name], part)), part.origin.span
     pieces = []
     for claim in part.claims:
         entry, author, _ = claim
@@ -184,10 +184,11 @@ def _lifted(value: Any, part: ParameterPart) -> Value:
 
 def _overridden(build: Build, part: ParameterPart, value: Value) -> Value:
     """Overrides of single entries: `gain[1]`."""
-    if not build.overrides or not part.shape:
+    shape = shape_of(value)
+    if not build.overrides or not shape:
         return value
     changed = value.copy()
-    for i, name in enumerate(scalar_names(part.name, part.shape)):
+    for i, name in enumerate(scalar_names(part.name, shape)):
         if name in build.overrides:
             build.used.add(name)
             changed.flat[i] = const(float(build.overrides[name]))

@@ -208,7 +208,7 @@ def parameter_values(program: Program, chosen: Experiment | None, changes: Mappi
     report.stop_if_errors()
     affected = declared.affected(changed)
     known = {} if affected is None else {name: value for name, value in declared.values.items() if name not in affected}
-    values = _evaluated({**declared.formulas, **changed}, known, owner, report)
+    values = evaluated({**declared.formulas, **changed}, known, owner, report)
     report.stop_if_errors()
     _check_structural(program, changed, values, owner, report)
     _check_bounds(program.parameters if affected is None else declared.bounded(affected), values, report)
@@ -264,7 +264,7 @@ def _declared(program: Program) -> _Declared:
     quiet = Reporter()
     values: Mapping[str, float] = {}
     with suppress(BgError):
-        values = _evaluated(formulas, {}, owner, quiet)
+        values = evaluated(formulas, {}, owner, quiet)
         _check_bounds(program.parameters, values, quiet)
     return _Declared(formulas, owner, {} if quiet.diagnostics else values, readers, bounds)
 
@@ -329,10 +329,11 @@ def _number(name: str, value: Any, parameter: Parameter, report: Reporter) -> fl
         return math.nan
 
 
-def _evaluated(
+def evaluated(
     formulas: Mapping[str, Expr | float], known: Mapping[str, float], owner: Mapping[str, Parameter], report: Reporter
 ) -> dict[str, float]:
-    """The formulas' values, each after those that it reads, the known ones as they are; a circle among changed ones is reported."""
+    """The formulas' values, each after those that it reads, the known ones as they are; a circle among changed ones is reported.
+    `owner`: the parameters by scalar name."""
     values = dict(known)
     open_: set[str] = set()
     for root, number in formulas.items():

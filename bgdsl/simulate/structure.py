@@ -1,0 +1,60 @@
+"""What a run changes of a model's structure: the parameters that decide sizes and conditions, with the values they shall have.
+
+Input        the flat model's parameters, the experiment, the caller's changes
+Output       the changed structural parameters by name: entries of arrays one by one, unless the caller gives an array whole
+Establishes  a value that an experiment gives by others is taken with these as the run changes them
+Reports      what `options` reports of values
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from bgdsl.diagnostics import Reporter
+from bgdsl.expr import Expr
+from bgdsl.ir.graph import Experiment, Parameter
+from bgdsl.simulate.options import evaluated
+
+
+def structural_changes(
+    parameters: Sequence[Parameter], experiments: Iterable[Experiment], experiment: str | None, changes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The structural parameters that the run changes, each with its value. Empty where the model stays as it was flattened."""
+    owner = {name: parameter for parameter in parameters for name in parameter.scalars()}
+    whole = {parameter.name: parameter for parameter in parameters if parameter.shape}
+    said = _said_by(experiments, experiment)
+    given: dict[str, Any] = {name: value for name, value in changes.items() if name in whole and whole[name].structural}
+    hidden = {name for array in given for name in whole[array].scalars()}
+    wanted = [name for name in {**said, **changes} if name in owner and owner[name].structural and name not in hidden]
+    if wanted:
+        formulas: dict[str, Expr | float] = {}
+        for parameter in parameters:
+            formulas |= zip(parameter.scalars(), parameter.values, strict=True)
+        formulas |= said
+        formulas |= {name: float(value) for name, value in _scalars(changes, whole) if name in owner}
+        report = Reporter()
+        values = evaluated({name: _plain(value) for name, value in formulas.items()}, {}, owner, report)
+        report.stop_if_errors()
+        given |= {name: values[name] for name in wanted}
+    return given
+
+
+def _said_by(experiments: Iterable[Experiment], name: str | None) -> Mapping[str, Expr]:
+    """The changes of the experiment of that name, without a name of the only one."""
+    known = list(experiments)
+    alone = name is None and len(known) == 1
+    return next((item.changes for item in known if alone or item.name == name), {})
+
+
+def _scalars(changes: Mapping[str, Any], whole: Mapping[str, Parameter]) -> Iterable[tuple[str, float]]:
+    """The caller's numbers by scalar name; arrays are opened where they have their parameter's size."""
+    for name, value in changes.items():
+        if isinstance(value, float | int):
+            yield from ((scalar, value) for scalar in (whole[name].scalars() if name in whole else (name,)))
+        elif name in whole and isinstance(value, Sequence) and len(value) == len(whole[name].scalars()):
+            yield from ((scalar, item) for scalar, item in zip(whole[name].scalars(), value, strict=True) if isinstance(item, float | int))
+
+
+def _plain(value: Expr | float) -> Expr | float:
+    return float(value.data) if isinstance(value, Expr) and value.op == "const" else value

@@ -17,6 +17,13 @@ def to_text(root: Expr) -> str:
         text, precedence = shown[node]
         return text if precedence >= least else f"({text})"
 
+    def added(node: Expr) -> str:
+        """A further term of a sum, with its sign."""
+        if node.op == "neg":
+            return f" - {wrapped(node.args[0], 6)}"
+        text, precedence = shown[node]
+        return f" - {text[1:]}" if text.startswith("-") and precedence >= 5 else f" + {wrapped(node, 6)}"
+
     for node in topological((root,)):
         own = _PRECEDENCE.get(node.op, 8)
         args = node.args
@@ -29,14 +36,7 @@ def to_text(root: Expr) -> str:
             case "time":
                 text = "time"
             case "add":
-                text = wrapped(args[0], 5)
-                for arg in args[1:]:
-                    if arg.op == "neg":
-                        text += f" - {wrapped(arg.args[0], 6)}"
-                    elif shown[arg][0].startswith("-"):
-                        text += f" - {shown[arg][0][1:]}" if shown[arg][1] >= 5 else f" + {wrapped(arg, 6)}"
-                    else:
-                        text += f" + {wrapped(arg, 6)}"
+                text = wrapped(args[0], 5) + "".join(added(arg) for arg in args[1:])
             case "neg":
                 text = f"-{wrapped(args[0], 6)}"
             case "not":

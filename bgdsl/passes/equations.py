@@ -74,12 +74,7 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     scalar = causal.scalar
     graph = scalar.graph
     work = _Work(causal, report, values_of(causal), Moduli(graph), {e.name: e for e in graph.elements}, set(scalar.unknowns))
-    coordinates = {c.junction for c in causal.constrained if c.velocity}
-    for j, junction in enumerate(scalar.junctions):
-        if j in coordinates:
-            # only dependent storages follow this variable: it is a state itself, and its balance gives its derivative
-            work.states.append(State(junction.variable, ZERO, "", "", junction.origin, "common", fixed=False))
-        work.unknowns.append(derivative_name(junction.variable) if j in coordinates else junction.variable)
+    _common_variables(work)
     work.unknowns += scalar.unknowns
     for j in range(len(scalar.junctions)):
         _balance(work, j)
@@ -97,12 +92,6 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     initial = tuple(
         SignalEquation(work.values.close(e.left), work.values.close(e.right), e.origin) for e in (*graph.initial_equations, *work.initial)
     )
-    guesses = {
-        name: start
-        for signal in graph.signals
-        if signal.role == "algebraic" and signal.starts is not None
-        for name, start in zip(signal.scalars(), signal.starts, strict=True)
-    }
     return EquationSystem(
         graph,
         tuple(work.states),
@@ -111,11 +100,30 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
         work.values,
         work.dependent,
         initial=initial,
-        guesses=guesses,
+        guesses=_guesses(graph),
     )
 
 
+def _guesses(graph: BondGraph) -> dict[str, Expr]:
+    """Where iterations for algebraic signals begin, as the model says."""
+    return {
+        name: start
+        for signal in graph.signals
+        if signal.role == "algebraic" and signal.starts is not None
+        for name, start in zip(signal.scalars(), signal.starts, strict=True)
+    }
+
+
 # --------------------------------------------------------------------------------------------------- junction structure
+
+
+def _common_variables(work: _Work) -> None:
+    """The variable of each junction is an unknown; where only dependent storages follow it, it is a state and its derivative is."""
+    coordinates = {c.junction for c in work.causal.constrained if c.velocity}
+    for j, junction in enumerate(work.scalar.junctions):
+        if j in coordinates:
+            work.states.append(State(junction.variable, ZERO, "", "", junction.origin, "common", fixed=False))
+        work.unknowns.append(derivative_name(junction.variable) if j in coordinates else junction.variable)
 
 
 def _balance(work: _Work, j: int) -> None:

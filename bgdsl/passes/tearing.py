@@ -12,7 +12,7 @@ source is bypassed; one that reads itself has to be torn. Where no reduction app
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from heapq import heapify, heappop, heappush
 
 
@@ -24,63 +24,85 @@ def tear(reads: Sequence[Iterable[int]], forced: Iterable[int] = ()) -> tuple[tu
 
 def feedback_nodes(reads: Sequence[Iterable[int]], forced: Iterable[int] = ()) -> set[int]:
     """Nodes whose removal leaves no cycle; `forced` ones are among them."""
-    sources = [set(after) for after in reads]
-    readers: list[set[int]] = [set() for _ in reads]
-    for node, after in enumerate(sources):
-        for source in after:
-            readers[source].add(node)
+    left = _Left(reads)
     torn = set(forced)
-    alive = bytearray([1]) * len(sources)
-    todo = list(range(len(sources)))
-
-    def remove(node: int) -> None:
-        alive[node] = 0
-        for source in sources[node]:
-            readers[source].discard(node)
-        for reader in readers[node]:
-            sources[reader].discard(node)
-        todo.extend(sources[node] | readers[node])
-
-    def bypass(node: int) -> None:
-        before, after = sources[node], readers[node]
-        remove(node)
-        for source in before:
-            readers[source] |= after
-        for reader in after:
-            sources[reader] |= before
-
     for node in torn:
-        remove(node)
+        left.remove(node)
     heap: list[tuple[int, int]] | None = None
     while True:
-        while todo:
-            node = todo.pop()
-            if not alive[node]:
-                continue
-            if node in sources[node]:
+        for node in left.touched():
+            if left.reads_itself(node):
                 torn.add(node)
-                remove(node)
-            elif min(len(sources[node]), len(readers[node])) <= 1:
-                bypass(node)
+                left.remove(node)
+            elif left.is_thread(node):
+                left.bypass(node)
             elif heap is not None:
-                heappush(heap, (-len(sources[node]) * len(readers[node]), node))
+                heappush(heap, (left.weight(node), node))
         if heap is None:
-            heap = [(-len(sources[node]) * len(readers[node]), node) for node in range(len(sources)) if alive[node]]
+            heap = [(left.weight(node), node) for node in range(len(left.sources)) if left.alive[node]]
             heapify(heap)
-        node = _most_cycles(heap, alive, sources, readers)
+        node = _most_cycles(heap, left)
         if node < 0:
             return torn
         torn.add(node)
-        remove(node)
+        left.remove(node)
 
 
-def _most_cycles(heap: list[tuple[int, int]], alive: bytearray, sources: list[set[int]], readers: list[set[int]]) -> int:
+class _Left:
+    """What is left of a graph while nodes are taken out of it: the sources and the readers of each live node."""
+
+    def __init__(self, reads: Sequence[Iterable[int]]) -> None:
+        self.sources = [set(after) for after in reads]
+        self.readers: list[set[int]] = [set() for _ in reads]
+        for node, after in enumerate(self.sources):
+            for source in after:
+                self.readers[source].add(node)
+        self.alive = bytearray([1]) * len(self.sources)
+        self.todo = list(range(len(self.sources)))
+
+    def touched(self) -> Iterator[int]:
+        """The live nodes whose neighbours have changed, until no more do."""
+        while self.todo:
+            node = self.todo.pop()
+            if self.alive[node]:
+                yield node
+
+    def reads_itself(self, node: int) -> bool:
+        return node in self.sources[node]
+
+    def is_thread(self, node: int) -> bool:
+        """Whether the node can be bypassed without adding edges."""
+        return min(len(self.sources[node]), len(self.readers[node])) <= 1
+
+    def weight(self, node: int) -> int:
+        """Through how many pairs of neighbours cycles may run, negative."""
+        return -len(self.sources[node]) * len(self.readers[node])
+
+    def remove(self, node: int) -> None:
+        self.alive[node] = 0
+        for source in self.sources[node]:
+            self.readers[source].discard(node)
+        for reader in self.readers[node]:
+            self.sources[reader].discard(node)
+        self.todo.extend(self.sources[node] | self.readers[node])
+
+    def bypass(self, node: int) -> None:
+        """Remove the node and let its readers read what it reads."""
+        before, after = self.sources[node], self.readers[node]
+        self.remove(node)
+        for source in before:
+            self.readers[source] |= after
+        for reader in after:
+            self.sources[reader] |= before
+
+
+def _most_cycles(heap: list[tuple[int, int]], left: _Left) -> int:
     """The live node with the greatest product of degrees, or -1; entries whose degrees have changed since are put back."""
     while heap:
         weight, node = heappop(heap)
-        if not alive[node]:
+        if not left.alive[node]:
             continue
-        now = -len(sources[node]) * len(readers[node])
+        now = left.weight(node)
         if now == weight:
             return node
         heappush(heap, (now, node))

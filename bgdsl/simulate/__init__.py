@@ -1,0 +1,1 @@
+"""Runs: from a compiled model and options to a trajectory."""

@@ -1,0 +1,1 @@
+"""Text to tree and back; what is said about text that cannot be read."""

@@ -166,7 +166,12 @@ def misplaced(machine: Machine, text: str) -> str | None:
         return None
     height, first = where
     last = machine.symbols()[-1:]
+    words = machine.tokens.texts[first : first + 2]
     match container(machine, height):
+        case "item" if words[:1] == ["redeclare"]:
+            return "a redeclaration is `redeclare Class name[index](modifications);`, one statement for each component"
+        case "item" if words in (["final", "redeclare"], ["replaceable", "redeclare"]):
+            return f"`{words[0]}` stands after `redeclare`"
         case "item" if text in errors.SIGNS_OF_BONDS:
             return "bonds stand in the `equation` section"
         case "item" if text in ("=", "(") and last in (["NAME"], ["reference_plain"]):

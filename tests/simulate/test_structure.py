@@ -78,5 +78,5 @@ def test_what_was_set_at_loading_can_be_changed_by_a_run() -> None:
 
 @pytest.mark.parametrize("changes", [{"n[1]": 2.5}, {"n": (1, 2, 3)}, {"n[3]": 1}])
 def test_what_does_not_fit_is_reported(changes: dict[str, Any]) -> None:
-    with pytest.raises(BgError, match="is an Integer|a vector of 3|has no parameter"):
+    with pytest.raises(BgError, match=r"is an Integer|a vector of 3|has no parameter"):
         resistance("one", {}, changes)

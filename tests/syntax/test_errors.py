@@ -56,6 +56,26 @@ CASES: dict[str, tuple[str, list[tuple[str, int, str]]]] = {
         "modle A\n  paramter Real x = 3;\n  ouput Real y;\nequatoin\n  v -> w;\n fro i in 1:3 loop x = 3; end fro;\nend A;\n",
         [("BG113", n, w) for n, w in ((1, "modle"), (2, "paramter"), (3, "ouput"), (4, "equatoin"), (6, "fro"), (6, "fro"))],
     ),
+    "redeclarations": (
+        "model A\n redelcare X a;\n redeclare X;\n redeclare X a[1], a[2];\n redeclare X a = 2;\n final redeclare X a;\n"
+        " redeclare output X a;\n redeclare X a[1]\n Real x;\nequation\n redeclare X a;\nend A;\n",
+        [
+            ("BG113", 2, "redelcare"),
+            ("BG101", 3, "a redeclaration is"),
+            ("BG101", 4, "one statement for each"),
+            ("BG101", 5, "a redeclaration is"),
+            ("BG101", 6, "`final` stands after"),
+            ("BG101", 7, "cannot make it `output`"),
+            ("BG106", 8, "`;`"),
+            ("BG101", 11, "declarations stand before"),
+        ],
+    ),
+    "when": (
+        "model A\n when a > 1 then\n  x = 2;\n end when;\n Real when = 1;\nequation\n"
+        " when {a, b} then\n  reinit(x, 2);\n  if c then x = 2; end if;\n elsewhen c then\n  x = 3;\n end when;\n"
+        " when time > 3\n  x = 2;\n end when;\n x = when;\n v - > w;\nend A;\n",
+        [("BG101", 2, "no `when`"), ("BG101", 7, "no `when`"), ("BG101", 13, "no `when`"), ("BG101", 17, "")],
+    ),
     "loop and then": (
         HEAD + "  for i in 1:3\n    v -> w;\n  end for;\n  if a\n x = 3;\n end if;\n for j = 1:3 loop\n y = 3;\n end for;\nend A;\n",
         [("BG101", 4, "`loop` is missing"), ("BG101", 7, "`then` is missing"), ("BG101", 10, "expected `in`")],

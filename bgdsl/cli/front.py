@@ -12,7 +12,7 @@ import typer
 from bgdsl.cli import arguments as arg
 from bgdsl.cli import console
 from bgdsl.cli.app import app
-from bgdsl.diagnostics import BgError, Diagnostic, Reporter, to_json
+from bgdsl.diagnostics import BgError, Diagnostic, Reporter, counted, to_json
 
 
 def sources(paths: Iterable[Path]) -> Iterator[Path]:
@@ -43,7 +43,7 @@ def check(
         console.out(to_json(found))
     elif found:
         console.diagnostics(found)
-        console.message(f"\n{errors} error{'s' * (errors != 1)}, {len(found) - errors} warning{'s' * (len(found) - errors != 1)}")
+        console.message(f"\n{counted(errors, 'error')}, {counted(len(found) - errors, 'warning')}")
     return 2 if errors else 0
 
 

@@ -14,6 +14,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+from bgdsl.diagnostics import did_you_mean
+
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd")
 
 Exponents = tuple[Fraction, ...]
@@ -177,8 +179,26 @@ def _tokens(text: str) -> list[Unit | str]:
 
 @cache
 def _symbol(symbol: str) -> Unit:
-    """One symbol with its prefix: from the table, or from pint."""
-    return SI[symbol] if symbol in SI else ask_pint(symbol)
+    """One symbol with its prefix: from the table, or from pint. `Nm` is refused: what pint takes it for (a count of yarn) nobody means."""
+    if symbol in SI:
+        return SI[symbol]
+    found, product = ask_pint(symbol), _product(symbol)
+    if product is not None and product[1] != found.exponents:
+        raise UnitError(f"`{symbol}` is no unit{_meant(symbol)}")
+    return found
+
+
+_PREFIXES = frozenset("YZEPTGMkhdcmunpfazy")
+
+
+def _product(symbol: str) -> tuple[str, Exponents] | None:
+    """A symbol as two of the SI written without a sign between them (`Nm`, `kgmm`), and what that would measure."""
+    for i in range(1, len(symbol)):
+        first, second = symbol[:i], symbol[i:]
+        plain = second if second in SI else second[1:] if second[0] in _PREFIXES else ""
+        if first in SI and first not in _PREFIXES and plain in SI:
+            return f"{first}.{second}", times(SI[first], SI[plain]).exponents
+    return None
 
 
 _SPELLINGS = {"%": "percent", "rev": "turn", "°C": "degC", "Ω": "ohm", "Ohm": "ohm", "l": "liter", "L": "liter"}
@@ -191,6 +211,14 @@ def _registry() -> Any:
     return pint.UnitRegistry(cache_folder=":auto:", autoconvert_offset_to_baseunit=True)
 
 
+def _meant(symbol: str) -> str:
+    """What somebody may have meant by a symbol that is none."""
+    product = _product(symbol)
+    if product is not None:
+        return f"; a product is written `{product[0]}`"
+    return "".join(f"; {text}" for text in did_you_mean(symbol, SI))
+
+
 def ask_pint(symbol: str) -> Unit:
     """One symbol as pint knows it. UnitError if it does not."""
     import pint
@@ -199,7 +227,7 @@ def ask_pint(symbol: str) -> Unit:
     try:
         one, zero = (_registry().Quantity(value, name).to_base_units() for value in (1.0, 0.0))
     except (pint.errors.PintError, AttributeError, TypeError, ValueError, KeyError):
-        raise UnitError(f"`{symbol}` is no unit known to me") from None
+        raise UnitError(f"`{symbol}` is no unit{_meant(symbol)}") from None
     names = {"kilogram": 0, "meter": 1, "second": 2, "ampere": 3, "kelvin": 4, "mole": 5, "candela": 6, "radian": -1}
     exponents = [Fraction(0)] * len(BASE)
     for name, exponent in one.unit_items():

@@ -144,13 +144,13 @@ def _join(raw: RawBond, end: tuple[Any, int, Sequence[int]], role: Role, referen
         case ElementPart():
             for c in components:
                 if (port, c) in part.joined:
-                    raise _second(reference, part.joined[port, c], part.kind.name, part.sizes[port], c)
+                    raise _second(reference, part.joined[port, c], f"{part.kind.article} {part.kind.name}", part.sizes[port], c)
                 part.joined[port, c] = raw
         case PortPart():
             side = part.inside if (role == "tail") != part.out else part.outside
             for i, c in enumerate(components):
                 if c in side:
-                    raise _second(reference, side[c][0], "port", part.size, c)
+                    raise _second(reference, side[c][0], "a port", part.size, c)
                 side[c] = (raw, i)
 
 
@@ -161,7 +161,7 @@ def _second(reference: ast.Reference, old: RawBond, what: str, size: int | None,
         TWICE,
         f"{where}`{reference.text}` has a bond already",
         reference.span,
-        f"a second bond on a {what}",
+        f"a second bond on {what}",
         others=[(old.origin.span, "the first")],
         helps=helps,
     )

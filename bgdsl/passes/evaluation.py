@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bgdsl.diagnostics import Code
+from bgdsl.diagnostics import Code, counted
 from bgdsl.expr import Expr, const
 from bgdsl.passes.parts import (
     Context,
@@ -112,7 +112,7 @@ def select(value: Value, subscripts: Sequence[ast.Expression], span: Span, conte
         return value
     shape = shape_of(value)
     if len(subscripts) > len(shape):
-        raise Fault(INDEX, f"{len(subscripts)} subscripts on {describe(value)}", span, describe(value))
+        raise Fault(INDEX, f"{counted(len(subscripts), 'subscript')} on {describe(value)}", span, describe(value))
     for axis in range(len(subscripts) - 1, -1, -1):
         value = value.take(position(subscripts[axis], shape[axis], context), axis=axis)
     return value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bgdsl.diagnostics import Code, did_you_mean
+from bgdsl.diagnostics import Code, counted, did_you_mean
 from bgdsl.passes.evaluation import (
     INDEX,
     describe,
@@ -182,7 +182,7 @@ def _assigned(old: Value, step: ast.Part, value: Value, statement: ast.Assign, c
     """The array with the entries that the subscripts name replaced."""
     shape = shape_of(old)
     if len(step.subscripts) > len(shape):
-        raise Fault(INDEX, f"{len(step.subscripts)} subscripts on {describe(old)}", step.span, "")
+        raise Fault(INDEX, f"{counted(len(step.subscripts), 'subscript')} on {describe(old)}", step.span, "")
     axes = [position(step.subscripts[k], size, context) if k < len(step.subscripts) else list(range(size)) for k, size in enumerate(shape)]
     target = tuple(len(axis) for axis in axes if not isinstance(axis, int))
     if shape_of(value) != target:

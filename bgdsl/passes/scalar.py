@@ -232,7 +232,7 @@ def _warn_loop(work: Opening, group: list[int], bond: Bond, report: Reporter) ->
         bond.origins[-1].span,
         "closes the loop",
         notes=[
-            f"{shown} share one {one}, so how the {parted} divide around the loop is not determined",
+            f"{shown} {'share' if len(names) > 1 else 'has'} one {one}, so how the {parted} divide around the loop is not determined",
             f"`{bond.name}` is taken to carry none; every other variable is unaffected",
         ],
         helps=["remove one bond of the loop"],

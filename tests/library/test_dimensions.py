@@ -46,6 +46,17 @@ def test_nonsense_is_refused(text):
         parse_unit(text)
 
 
+@pytest.mark.parametrize(("text", "product"), [("Nm", "N.m"), ("Nms", "N.ms"), ("rads", "rad.s"), ("Ws/K", "W.s"), ("kgm2", "kg.m")])
+def test_products_written_together_are_not_what_pint_finds_in_them(text, product):
+    with pytest.raises(UnitError, match=f"a product is written `{product}`"):
+        parse_unit(text)
+
+
+def test_a_misspelt_unit_has_a_neighbour():
+    with pytest.raises(UnitError, match="did you mean `kg`"):
+        parse_unit("kgg")
+
+
 def test_algebra_and_spelling():
     assert spell(over(parse_unit("N"), parse_unit("m"))) == "N/m"
     assert spell(times(parse_unit("N"), parse_unit("m"))) == "N.m"

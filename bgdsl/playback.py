@@ -149,7 +149,7 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
         settings, changes, stop = _settings(model, scenario, bool(entry["outputs"]))
         if entry["inputs"]:
             settings["inputs"] = _inputs(entry["inputs"], parts)
-            settings.setdefault("max_step", STEPS * stop / max(part.steps for part in parts))
+            settings.setdefault("max_step", STEPS * stop / max(1, *(part.steps for part in parts)))
         system = model.compile()
         run = system.simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
         part = as_played(entry["file"], model, run)

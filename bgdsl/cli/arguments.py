@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
 from enum import StrEnum
 from math import inf, isfinite
 from pathlib import Path
@@ -86,10 +87,9 @@ def _parts(text: str) -> list[str]:
 
 def fraction(text: str, hint: str, most: float = 1.0) -> float:
     """`0.003` or `0.3%` as a fraction of one, not negative and not above `most`."""
-    number, percent = (text[:-1], 0.01) if text.endswith("%") else (text, 1.0)
-    try:
-        value = float(number) * percent
-    except ValueError:
+    try:  # a percentage is the fraction that a person would write: 0.35% is 0.0035, not 0.0034999999999999996
+        value = float(Decimal(text[:-1]) / 100) if text.endswith("%") else float(text)
+    except (ValueError, InvalidOperation):
         value = -1.0
     if not 0 <= value < inf:
         raise typer.BadParameter(f"`{text}` is neither a fraction such as 0.003 nor a percentage such as 0.3%", param_hint=hint)

@@ -6,22 +6,31 @@ Only storage states (momenta and displacements) are moved where that is enough: 
 from __future__ import annotations
 
 import ctypes
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from bgdsl.diagnostics import Code, Reporter
+from bgdsl.expr import Expr
 from bgdsl.ir.native import CompiledModel, Kernel
+from bgdsl.ir.program import Program, Sparse
 from bgdsl.simulate.addresses import Addresses
 from bgdsl.simulate.failures import IntegrationError
 from bgdsl.simulate.inputs import InputSignals
 from bgdsl.simulate.kernels.compiler import KERNELS
 from bgdsl.simulate.kernels.project import Projection
+from bgdsl.simulate.once import once_for_program
 from bgdsl.simulate.options import Options
+from bgdsl.simulate.sparse import elimination_order
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int32]
 
 INCONSISTENT = Code("BG623", "the start violates a constraint")
 MOST_AT_START = 1e-6
@@ -36,25 +45,14 @@ class Invariants:
 
         program = model.program
         self._model, self._inputs = model, inputs
-        m, n = len(program.invariants), len(program.states)
-        entries = sorted(program.invariant_slopes.entries, key=lambda entry: (entry[1], entry[0]))
-        columns = np.array([j for _, j, _ in entries], dtype=int)
-        self._arrays: dict[str, Any] = {
-            "starts": np.concatenate(([0], np.cumsum(np.bincount(columns, minlength=n)))).astype(np.int32),
-            "rows": np.array([i for i, _, _ in entries], dtype=np.int32),
-            "chosen": np.array([_is_storage(record.name) for record in program.states], dtype=np.int32),
-            **{name: np.zeros(size) for name, size in (("g", m), ("gradient", len(entries)), ("weights", n), ("sizes", m), ("move", m))},
-            "matrix": np.zeros(m * m),
-            "before": np.zeros(n),
-        }
-        if len(np.unique(self._arrays["rows"][self._arrays["chosen"][columns] > 0])) < m:
-            self._arrays["chosen"][:] = 1
+        layout = _layout(program)
+        m, n, entries = len(program.invariants), len(program.states), len(layout.slopes)
+        numbers = {"values": m, "g": m, "gradient": entries, "weights": len(layout.arrays["states"]), "matrix": m * m}
+        numbers |= {"sizes": m, "move": m, "spread": m, "before": n}
+        self._arrays: dict[str, Any] = {**layout.arrays, **{name: np.zeros(size) for name, size in numbers.items()}}
         self._addresses = Addresses(model)
-        self._kernels: list[Kernel] = [
-            model.evaluator([value for value, _ in program.invariants]),
-            model.evaluator([value for _, _, value in entries]),
-        ]
-        self.record = Projection(count=m, entries=len(entries), rtol=options.rtol, atol=options.atol, tolerance=options.drift)
+        self._kernels: list[Kernel] = [model.evaluator(layout.values), model.evaluator(layout.slopes)]
+        self.record = Projection(count=m, columns=numbers["weights"], rtol=options.rtol, atol=options.atol, tolerance=options.drift)
         self.record.link = ctypes.addressof(self._addresses.link(inputs))
         self.record.residuals, self.record.slopes = (self._addresses.call(kernel) for kernel in self._kernels)
         for name, array in self._arrays.items():
@@ -94,7 +92,9 @@ class Invariants:
         self._factorise(ctypes.addressof(self.record), t, x.ctypes.data)
         residuals = np.zeros(len(program.invariants))
         self._kernels[0](t, x, self._inputs(t), residuals)
-        shares = np.abs(residuals) / (self._arrays["sizes"] + self.record.atol)
+        sizes = np.empty_like(residuals)
+        sizes[self._arrays["order"]] = self._arrays["sizes"]
+        shares = np.abs(residuals) / (sizes + self.record.atol)
         i = int(shares.argmax())
         if shares[i] > MOST_AT_START:
             report.fail(
@@ -105,6 +105,53 @@ class Invariants:
                 helps=("choose the starts of the states so that it holds",),
             )
         self.apply(t, x)
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """What the projection of a program asks for, and the integer arrays of its `Projection`."""
+
+    values: tuple[Expr, ...]
+    slopes: tuple[Expr, ...]
+    arrays: Mapping[str, Ints]
+
+
+@once_for_program
+def _layout(program: Program) -> _Layout:
+    import numpy as np
+
+    m = len(program.invariants)
+    columns = _columns([_is_storage(record.name) for record in program.states], program.invariant_slopes)
+    if len({i for column in columns.values() for i, _ in column}) < m:
+        columns = _columns([True] * len(program.states), program.invariant_slopes)
+    coupled: list[set[int]] = [set() for _ in range(m)]
+    for column in columns.values():
+        rows = {i for i, _ in column}
+        for i in rows:
+            coupled[i] |= rows
+    order = elimination_order(coupled)
+    place = {i: k for k, i in enumerate(order)}
+    entries = [sorted((place[i], value) for i, value in column) for column in columns.values()]
+    arrays = {
+        "states": [*columns],
+        "starts": [0, *accumulate(map(len, entries))],
+        "rows": [row for column in entries for row, _ in column],
+        "order": order,
+    }
+    return _Layout(
+        tuple(value for value, _ in program.invariants),
+        tuple(value for column in entries for _, value in column),
+        {name: np.array(numbers, dtype=np.int32) for name, numbers in arrays.items()},
+    )
+
+
+def _columns(chosen: Sequence[bool], slopes: Sparse) -> Mapping[int, list[tuple[int, Expr]]]:
+    """The columns of the chosen states: (invariant, slope)."""
+    found: dict[int, list[tuple[int, Expr]]] = defaultdict(list)
+    for i, j, value in slopes.entries:
+        if chosen[j]:
+            found[j].append((i, value))
+    return found
 
 
 def _is_storage(name: str) -> bool:

@@ -3,8 +3,8 @@
 What is called a million times a run (callbacks of CVODE, factorisations, quadrature) is written once, as plain functions under
 `@kernel`, and compiled through LLVM when the first run needs it. The subset: parameters with annotated types; locals typed by
 their first assignment; `while`, `for ... in range`, `if`, `return`, `break`, `continue`; arithmetic, comparisons, `and or not`;
-`p[i]` on pointers; `p + i` moves a pointer; `s.field` of a `Struct`; calls of other kernels, of `Callee`s (C functions by
-address), and of `sqrt`, `fabs`, `real`, `whole`. Integers are 64 bits, `ints` point to 32 bits.
+`p[i]` on pointers; `p + i` moves a pointer; `s.field` of a `Struct`; calls of other kernels, of `Callee`s (C functions by address),
+and of `sqrt`, `fabs`, `real`, `whole`. Integers are 64 bits, `ints` point to 32 bits.
 """
 
 from __future__ import annotations

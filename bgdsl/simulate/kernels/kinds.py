@@ -11,9 +11,11 @@ whole = int
 place: Any = None
 places: Any = None
 reals: Any = None
+sole: Any = None
 ints: Any = None
 octets: Any = None
-"""The kinds, as annotations: 64-bit floats and integers; an address; pointers to addresses, floats, 32-bit integers, bytes."""
+"""The kinds, as annotations: 64-bit floats and integers; an address; pointers to addresses, floats, 32-bit integers, bytes; a
+parameter that is `sole` points to floats at which no other of its kernel does."""
 
 
 def sqrt(x: float) -> float:

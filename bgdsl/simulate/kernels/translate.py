@@ -10,8 +10,8 @@ from typing import Any
 
 from bgdsl.simulate.kernels.kinds import STRUCTS, Callee
 
-_ELEMENTS = {"reals": "real", "ints": "int", "octets": "byte", "places": "place", "wholes": "whole"}
-_WIDTHS = {"reals": 8, "ints": 4, "octets": 1, "places": 8, "wholes": 8, "place": 1}
+_ELEMENTS = {"reals": "real", "sole": "real", "ints": "int", "octets": "byte", "places": "place", "wholes": "whole"}
+_WIDTHS = {"reals": 8, "sole": 8, "ints": 4, "octets": 1, "places": 8, "wholes": 8, "place": 1}
 _TYPES = {"real": "double", "whole": "i64", "int": "i32", "byte": "i8", "truth": "i1", "none": "void"}
 _COMPARISONS = {
     ast.Lt: ("olt", "slt"),
@@ -82,7 +82,10 @@ class _Body:
         self.ended = False
 
     def text(self) -> str:
-        arguments = [f"{_type(kind)} %a.{arg.arg}" for arg, kind in zip(self.tree.args.args, self.kinds[self.name], strict=True)]
+        arguments = [
+            f"{_type(kind)} {'noalias ' if kind == 'sole' else ''}%a.{arg.arg}"
+            for arg, kind in zip(self.tree.args.args, self.kinds[self.name], strict=True)
+        ]
         for arg, kind in zip(self.tree.args.args, self.kinds[self.name], strict=True):
             self._store_local(arg.arg, (f"%a.{arg.arg}", kind))
         self._statements(self.tree.body)

@@ -103,13 +103,29 @@ class Unary(Node):
     operand: Expression
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Binary(Node):
-    """`+ - * / ^ .+ .- .* ./ .^ == <> < <= > >= and or`; in tests also `+-`."""
+    """`+ - * / ^ .+ .- .* ./ .^ == <> < <= > >= and or`; in tests also `+-`. Chains lean left, `(a + b) + c`, and may be long:
+    whoever follows `left` does so with a loop."""
 
     operator: str
     left: Expression
     right: Expression
+
+    def __eq__(self, other: object) -> bool:
+        one, twin = self, other
+        while isinstance(twin, Binary):
+            if one is twin:
+                return True
+            if one.operator != twin.operator or one.right != twin.right:
+                return False
+            if not isinstance(one.left, Binary):
+                return one.left == twin.left
+            one, twin = one.left, twin.left
+        return False
+
+    def __hash__(self) -> int:
+        return hash((self.operator, self.right))
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,8 +51,16 @@ def _string(text: str | None) -> str | None:
     return None if text is None else unescape(text)
 
 
+_CHAINS = {
+    operator: words[0]
+    for words in (("or",), ("and",), ("+", "-", ".+", ".-", "+-"), ("*", "/", ".*", "./"))
+    for operator in words
+}  # fmt: skip
+"""Operators that are written one after the other without parentheses: by each, the first of its kind."""
+
+
 def too_deep(children: Iterable[Any]) -> ast.Node | None:
-    """The node at which the nesting passes `MAX_DEPTH`, if it does."""
+    """The node at which the nesting passes `MAX_DEPTH`, if it does. A chain, `a + b - c`, is as deep as its deepest term."""
     left: list[tuple[Any, int]] = [(child, 0) for child in children]
     while left:
         node, depth = left.pop()
@@ -61,7 +69,12 @@ def too_deep(children: Iterable[Any]) -> ast.Node | None:
         elif isinstance(node, ast.Node):
             if depth > MAX_DEPTH:
                 return node
-            left += [(getattr(node, name), depth + 1) for name in type(node).__slots__]
+            if isinstance(node, ast.Binary):
+                inner = node.left
+                chained = isinstance(inner, ast.Binary) and _CHAINS.get(inner.operator) == _CHAINS.get(node.operator, node)
+                left += [(inner, depth if chained else depth + 1), (node.right, depth + 1)]
+            else:
+                left += [(getattr(node, name), depth + 1) for name in type(node).__slots__]
     return None
 
 

@@ -202,5 +202,5 @@ def too_deep(report: Reporter, span: Span, limit: int) -> None:
         "this nests too deep",
         span,
         f"more than {limit} levels of brackets, operators or statements",
-        helps=["give parts of it names of their own; a long sum is `sum({a, b, ...})`"],
+        helps=["give parts of it names of their own"],
     )

@@ -45,8 +45,8 @@ class Evaluation:
                 return node.value
             case ast.Unary(sign, operand):
                 return self._apply(UNARY[sign], node.span, self.value(operand))
-            case ast.Binary(sign, left, right):
-                return self._apply(BINARY.get(sign) or RELATIONS[sign], node.span, self.value(left), self.value(right))
+            case ast.Binary():
+                return self._chain(node)
             case ast.If(branches, otherwise):
                 return self._choice(branches, otherwise, node.span)
             case ast.Array(items):
@@ -59,6 +59,17 @@ class Evaluation:
                 return self._call(node)
             case _:
                 _refuse(CANNOT, "this cannot stand in a test", node.span)
+
+    def _chain(self, node: ast.Binary) -> Value:
+        """Operators one after the other lean left and may be many."""
+        steps = [node]
+        while isinstance(steps[-1].left, ast.Binary):
+            steps.append(steps[-1].left)
+        value = self.value(steps[-1].left)
+        for step in reversed(steps):
+            sign = step.operator
+            value = self._apply(BINARY.get(sign) or RELATIONS[sign], step.span, value, self.value(step.right))
+        return value
 
     def number(self, node: ast.Expression) -> float:
         """The value of an expression that has to be one number."""

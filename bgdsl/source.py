@@ -81,6 +81,11 @@ class Span:
         return f"<{self.place}>"
 
 
+def said(text: str) -> Span:
+    """A place in what was said outside of any file, on a command line or in an argument, for messages about it."""
+    return Span(Source("<command line>", text), 0, len(text))
+
+
 @dataclass(frozen=True, slots=True)
 class Edit:
     """Put `text` where `span` stands; an empty span inserts."""

@@ -64,6 +64,8 @@ def simulate(
     from bgdsl import pipeline
 
     loaded = pipeline.load(file, model, search=path or ())
+    if inputs is not None and not loaded.program.inputs:
+        console.message(f"{loaded.name} has no inputs: {inputs} is not read")
     with console.progress(f"simulating {loaded.name}") as progress:
         run = loaded.compile().simulate(
             experiment=experiment,

@@ -44,8 +44,7 @@ def test(
         console.out_json(_document(outcomes, unreadable))
     else:
         console.diagnostics(unreadable)
-        if outcomes or not unreadable:
-            console.out(_total(outcomes))
+        console.out(_total(outcomes))
     if only is not None and not outcomes and not unreadable:
         raise typer.BadParameter(f"no test's name contains `{only}`", param_hint="-k")
     if unreadable or any(outcome.error for outcome in outcomes):

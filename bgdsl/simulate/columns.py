@@ -12,7 +12,7 @@ from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.expr import TIME, Expr, param
 from bgdsl.ir.native import parameter_names
 from bgdsl.ir.program import Program
-from bgdsl.source import Source, Span
+from bgdsl.source import said
 
 NO_VARIABLE = Code("BG618", "no such variable")
 
@@ -41,9 +41,8 @@ def find_columns(program: Program, names: Iterable[str], report: Reporter) -> tu
     for name in names:
         found = _entries(name, program.values, parameters)
         if not found:
-            place = Span(Source("<command line>", name), 0, len(name))
             helps = did_you_mean(name, _near(name, (*program.values, *parameters)))
-            report.add(NO_VARIABLE, f"model `{program.model}` has no variable `{name}`", place, helps=helps)
+            report.add(NO_VARIABLE, f"model `{program.model}` has no variable `{name}`", said(name), helps=helps)
         for scalar, value in found.items():
             if scalar != "time":
                 columns[scalar] = Column(scalar, value, units.get(scalar, ""))

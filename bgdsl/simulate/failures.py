@@ -18,7 +18,7 @@ from bgdsl.ir.native import CompiledModel
 from bgdsl.ir.program import Assign, SolveLinear
 from bgdsl.simulate.direct import StepFailureError, Steps
 from bgdsl.simulate.inputs import InputSignals
-from bgdsl.source import Source, Span
+from bgdsl.source import said
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,7 +58,7 @@ def stop(
 
 def missing(message: str, report: Reporter) -> NoReturn:
     """Stop for a library that is not there."""
-    where = Span(Source("<command line>", "method"), 0, 6)
+    where = said("method")
     report.fail(
         MISSING, message, where, helps=("install it (`pip install scikit-sundae`), or take `lsoda`, `radau`, `rk45` or `vode-adams`",)
     )

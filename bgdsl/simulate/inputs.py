@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.simulate.kernels import splines
 from bgdsl.simulate.kernels.compiler import KERNELS
-from bgdsl.source import Source, Span
+from bgdsl.source import said
 
 if TYPE_CHECKING:
     import numpy as np
@@ -78,10 +78,10 @@ def input_signals(
     """The signals of the inputs `names` from a file or from arrays by name (`time` among them)."""
     if not names:
         if isinstance(source, Path | str) and not Path(source).exists():
-            report.fail(BAD_RECORD, f"there is no file {source}", _place(str(source)), notes=("the model has no inputs, and needs none",))
+            report.fail(BAD_RECORD, f"there is no file {source}", said(str(source)), notes=("the model has no inputs, and needs none",))
         return no_inputs()
     if source is None:
-        where = _place("inputs")
+        where = said("inputs")
         report.fail(
             NO_SIGNAL,
             f"the model's inputs {listed(names, 6)} have no signals",
@@ -93,14 +93,10 @@ def input_signals(
     return _splines(names, columns, place, start, stop, report)
 
 
-def _place(text: str) -> Span:
-    return Span(Source("<command line>", text), 0, len(text))
-
-
 def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start: float, stop: float, report: Reporter) -> InputSignals:
     import numpy as np
 
-    where = _place(place)
+    where = said(place)
     missing = [name for name in ("time", *names) if name not in columns]
     for name in missing:
         report.add(NO_SIGNAL, f"there is no column `{name}` in {place}", where, helps=did_you_mean(name, columns))
@@ -158,7 +154,7 @@ def _feature(time: Floats, values: Floats, share: float = 0.01) -> float:
 
 def read_columns(path: Path, report: Reporter) -> dict[str, Any]:
     """The columns of a CSV, netCDF or Parquet file by name."""
-    where = _place(str(path))
+    where = said(str(path))
     try:
         match path.suffix.lower():
             case ".nc":

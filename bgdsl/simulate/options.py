@@ -23,7 +23,7 @@ from bgdsl.ir.graph import Experiment, Parameter
 from bgdsl.ir.program import Program
 from bgdsl.simulate.methods import DEFAULT, METHODS
 from bgdsl.simulate.once import once_for_program
-from bgdsl.source import Source, Span
+from bgdsl.source import said
 
 NO_EXPERIMENT = Code("BG610", "the experiment is not there, or not clear")
 NO_PARAMETER = Code("BG611", "no such parameter")
@@ -114,17 +114,12 @@ def _longest_step(options: Options) -> float:
     return min(max(options.interval, span / FINEST), span / DEFAULT_POINTS)
 
 
-def _said(text: str) -> Span:
-    """A place in what the caller wrote, for messages about it."""
-    return Span(Source("<command line>", text), 0, len(text))
-
-
 def _experiment(program: Program, name: str | None, settings: Settings, report: Reporter) -> Experiment | None:
     known = {experiment.name: experiment for experiment in program.experiments}
     if name is not None:
         if name not in known:
             helps = did_you_mean(name, known) or ((f"it has {listed(known)}",) if known else (f"model `{program.model}` has none",))
-            report.fail(NO_EXPERIMENT, f"model `{program.model}` has no experiment `{name}`", _said(name), helps=helps)
+            report.fail(NO_EXPERIMENT, f"model `{program.model}` has no experiment `{name}`", said(name), helps=helps)
         return known[name]
     if len(known) == 1:
         return next(iter(known.values()))
@@ -170,7 +165,7 @@ def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[
 
 def _check(options: Options, report: Reporter) -> None:
     def bad(name: str, value: object, why: str, helps: Iterable[str] = ()) -> None:
-        report.add(BAD_SETTING, f"{name} {value} cannot be used: {why}", _said(f"{name} {value}"), helps=helps)
+        report.add(BAD_SETTING, f"{name} {value} cannot be used: {why}", said(f"{name} {value}"), helps=helps)
 
     if options.method not in METHODS:
         helps = (*did_you_mean(options.method, METHODS), f"there are {listed(METHODS)}")
@@ -193,7 +188,7 @@ def _check(options: Options, report: Reporter) -> None:
     if not options.max_step > 0.0:
         bad("max step", options.max_step, "it must be a positive time")
     t1, t2 = options.window
-    if not options.start <= t1 < t2 <= options.stop * (1 + 1e-12):
+    if options.stop > options.start and not options.start <= t1 < t2 <= options.stop * (1 + 1e-12):
         bad("window", f"{t1:g},{t2:g}", f"it must lie within the run, {options.start:g} to {options.stop:g} s, and not be empty")
 
 
@@ -286,7 +281,7 @@ def _changed(
             report.add(
                 NO_PARAMETER,
                 f"model `{program.model}` has no parameter `{name}`",
-                _said(name),
+                said(name),
                 helps=did_you_mean(name, known) or (f"it has {listed(whole)}" if whole else "it has none",),
             )
             continue

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.ir.trajectory import Status
 from bgdsl.simulate.columns import Column
-from bgdsl.source import Source, Span
+from bgdsl.source import said
 from bgdsl.version import VERSION
 
 if TYPE_CHECKING:
@@ -83,9 +83,10 @@ class MemorySink:
 
 def open_sink(path: Path, columns: Sequence[Column], model: str, digest: str, *, force: bool, report: Reporter) -> Sink:
     """A sink for the file's format. BgError where the format is unknown or the place is taken by somebody else's file."""
-    where = Span(Source("<command line>", str(path)), 0, len(str(path)))
+    where = said(str(path))
     if path.suffix.lower() not in FORMATS:
-        report.fail(NO_OUTPUT, f"`{path.suffix}` is no format for results", where, helps=(f"there are {', '.join(FORMATS)}",))
+        what = f"`{path.suffix}` is no format for results" if path.suffix else f"`{path}` does not say in what format to write"
+        report.fail(NO_OUTPUT, what, where, helps=(f"end its name with {', '.join(FORMATS)}",))
     if path.exists() and not force and not is_ours(path):
         report.fail(NO_OUTPUT, f"{path} exists and was not written by a run", where, helps=("`--force` replaces it",))
     names = ("time", *(column.name for column in columns))
@@ -101,7 +102,7 @@ def open_sink(path: Path, columns: Sequence[Column], model: str, digest: str, *,
 def cannot_write(path: Path | None, error: OSError, report: Reporter) -> NoReturn:
     """Stop for what the system says about a file."""
     place = str(path or "memory")
-    report.fail(NO_OUTPUT, f"{place} cannot be written: {error.strerror or error}", Span(Source("<command line>", place), 0, len(place)))
+    report.fail(NO_OUTPUT, f"{place} cannot be written: {error.strerror or error}", said(place))
 
 
 SPARE = 16384

@@ -107,6 +107,21 @@ def test_what_cannot_be_written_is_named_as_the_user_named_it(bgc: Callable[...,
     assert "notes.txt is a file, not a folder" in bgc("compile", LEVER, "-o", "notes.txt/lever.py").err
 
 
+def test_each_mistake_is_told_once(bgc: Callable[..., Result]) -> None:
+    assert bgc("simulate", LEVER, "--stop", "-1").err.count("error[") == 1, "the window is not to blame"
+
+
+def test_a_result_file_without_an_ending(bgc: Callable[..., Result]) -> None:
+    message = bgc("simulate", LEVER, "-o", "out").err
+    assert "`out` does not say in what format to write" in message and ".csv, .nc, .parquet" in message
+
+
+def test_inputs_for_a_model_without_any(bgc: Callable[..., Result]) -> None:
+    Path("record.csv").write_text("time,u\n0,0\n1,1\n")
+    result = bgc("simulate", LEVER, "--stop", "0.1", "--inputs", "record.csv")
+    assert result.status == 0 and "Lever has no inputs: record.csv is not read" in result.err
+
+
 def test_check_reports_as_json(bgc: Callable[..., Result], tmp_path: Path) -> None:
     Path("wrong.bg").write_text("model A\n  J1 v;\nequation\n  v -> nothing;\nend A;\n")
     result = bgc("check", "wrong.bg", "--format", "json")

@@ -8,12 +8,13 @@ Reports      BG264 no bond, BG266 strokes disagree, BG267 single-bond junction
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
-from bgdsl.diagnostics import Code
+from bgdsl.diagnostics import Code, listed
 from bgdsl.ir.domains import GENERIC
+from bgdsl.ir.elements import component
 from bgdsl.ir.graph import Bond, End, Origin
 from bgdsl.passes.parts import (
     Build,
@@ -209,20 +210,30 @@ def warn_single(build: Build, junctions: Iterable[JunctionPart], bonds: Iterable
     if not lone:
         return
     kinds = {part.name: part.kind for part, _ in build.parts if isinstance(part, JunctionPart)}
+    found: dict[str, dict[int, Bond]] = {}
     for bond in bonds:
         for here, there in ((bond.tail, bond.head), (bond.head, bond.tail)):
             part = lone.get(here.node)
-            if part is None or kinds.get(there.node) == part.kind or not any(part.joined[c] == 1 for c in here.components):
-                continue
-            zero = "flow" if part.kind == 0 else "effort"
-            build.fault(
-                Fault(
-                    SINGLE,
-                    f"only one bond ends at {part.kind}-junction `{part.name}`: its {zero} is zero",
-                    part.origin.span,
-                    "a single bond",
-                    others=[(bond.origins[-1].span, "this one")],
-                    helps=(f"if that is meant, say it with `S{'f' if part.kind == 0 else 'e'} (... = 0)`; else another bond is missing",),
-                ),
-                part.origin.path,
-            )
+            if part is not None and kinds.get(there.node) != part.kind:
+                found.setdefault(part.name, {}).update((c, bond) for c in here.components if part.joined[c] == 1)
+    for name, single in found.items():
+        if single:
+            _warn_single(build, lone[name], single)
+
+
+def _warn_single(build: Build, part: JunctionPart, single: Mapping[int, Bond]) -> None:
+    zero = "flow" if part.kind == 0 else "effort"
+    whole = part.size is None or len(single) == part.size
+    names = [part.name] if whole else [component(part.name, c) for c in sorted(single)]
+    which = f"{part.kind}-junction `{names[0]}`: its" if len(names) == 1 else f"each of {listed(names, 6)}: their"
+    build.fault(
+        Fault(
+            SINGLE,
+            f"only one bond ends at {which} {zero} is zero",
+            part.origin.span,
+            "a single bond",
+            others=[(next(iter(single.values())).origins[-1].span, "this one")],
+            helps=(f"if that is meant, say it with `S{'f' if part.kind == 0 else 'e'} (... = 0)`; else another bond is missing",),
+        ),
+        part.origin.path,
+    )

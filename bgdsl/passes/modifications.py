@@ -64,10 +64,14 @@ def _insert(table: dict[str, Modification], parts: tuple[ast.Part, ...], modifie
 
 def _add(table: dict[str, Modification], subscripts: tuple[ast.Expression, ...], new: Modification, report: Reporter) -> None:
     """Put a modification into its table; what is said of chosen elements of an array goes to the parts of what is said of all."""
-    if subscripts:
-        table.setdefault(new.name, Modification(new.name, new.span)).parts.append((subscripts, new))
-    else:
+    if not subscripts:
         _merge(table, new, report)
+        return
+    holder = table.setdefault(new.name, Modification(new.name, new.span))
+    if holder.each and not new.each:
+        _each_and_not(holder, new, report)
+    else:
+        holder.parts.append((subscripts, new))
 
 
 def _merge(table: dict[str, Modification], new: Modification, report: Reporter) -> None:
@@ -85,6 +89,9 @@ def _merge(table: dict[str, Modification], new: Modification, report: Reporter) 
             others=[(old.span, f"first {what} here")],
         )
         return
+    if old.each != new.each and not _for_each(new if old.each else old):
+        _each_and_not(old, new, report)
+        return
     old.value = old.value if old.value is not None else new.value
     old.redeclared = old.redeclared or new.redeclared
     old.final = old.final or new.final
@@ -92,3 +99,24 @@ def _merge(table: dict[str, Modification], new: Modification, report: Reporter) 
     old.parts += new.parts
     for nested in new.nested.values():
         _merge(old.nested, nested, report)
+
+
+def _for_each(entry: Modification) -> bool:
+    """Whether all that it says is said with `each`."""
+    if entry.each:
+        return True
+    here = entry.value is None and entry.redeclared is None
+    return here and all(map(_for_each, entry.nested.values())) and all(_for_each(part) for _, part in entry.parts)
+
+
+def _each_and_not(old: Modification, new: Modification, report: Reporter) -> None:
+    """One place says of one thing what holds for each, and beside it what is indexed: it is not clear which entry is meant."""
+    first, second = ("with", "without") if old.each else ("without", "with")
+    report.add(
+        MODIFIED_TWICE,
+        f"`{new.name}` is modified {first} `each` and {second} it in one place",
+        new.span,
+        f"{second} `each`",
+        others=[(old.span, f"{first} `each`")],
+        helps=(f"put `each` inside, before what it is for: `{new.name}(each a = 1, b = {{1, 2}})`",),
+    )

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
+from bgdsl import pipeline
+from bgdsl.source import Source
+
 PIPE = """
 model Pipe
   port in Hydraulic a;  port out Hydraulic b;
@@ -158,3 +163,21 @@ def test_a_written_name_goes_before_a_made_one(seen) -> None:
         got = seen(f"{head} {lines}\nend M;")
         assert got.bonds["i_n"] == ("n", "r")
         assert got.bonds["i_n_2"] == ("i", "n")
+
+
+@pytest.mark.parametrize(
+    ("bonds", "said"),
+    [
+        ("v => m; v[1] -> a; v[2] -> b; v[3] -> c;", []),
+        ("v => m; v[1] -> a; v[2] -> b;", ["only one bond ends at 1-junction `v[3]`: its effort is zero"]),
+        ("v[1] -> a; v[2] -> b; v[3] -> c;", ["only one bond ends at 1-junction `v`: its effort is zero"]),
+        ("v[1:2] => n; v[1] -> a; v[2] -> b; v[3] -> c;", ["only one bond ends at 1-junction `v[3]`: its effort is zero"]),
+        ("v[1:2] => n; v[1] -> a; v[3] -> c;", ["only one bond ends at each of `v[2]`, `v[3]`: their effort is zero"]),
+    ],
+)
+def test_a_single_bond_at_a_component_names_the_component(bonds: str, said: list[str]) -> None:
+    used = [name for name in "mnabc" if f" {name};" in f" {bonds}"]
+    kinds = {"m": "I[3] m(I = 1);", "n": "I[2] n(I = 1);"}
+    parts = " ".join(kinds.get(name, f"R {name}(R = 1);") for name in used)
+    found = pipeline.check_source(Source("test.bg", f"model M\n J1[3] v; {parts}\nequation\n {bonds}\nend M;\n"))
+    assert [d.message for d in found if d.code.number == "BG267"] == said

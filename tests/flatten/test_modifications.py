@@ -133,3 +133,28 @@ end Top;"""
     assert {name: x.data for name, x in base.changes.items()} == {"b[1].m": 3, "b[2].m": 3, "gain[1]": 0}
     assert {name: x.data for name, x in more.changes.items()} == {"b[1].m": 3, "b[2].m": 7, "gain[1]": 0, "b[2].damper.R": 1}
     assert (more.stop_time, more.interval, more.method, more.window) == (5, 0.1, "rk45", (1, 2))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "each m(a = 1), m(b = {3, 4})",
+        "m(b = {3, 4}), each m(a = 1)",
+        "each m(a = 1), m.b = {3, 4}",
+        "q[1].b = {3, 4}, each q(a = {1, 2, 3})",
+    ],
+)
+def test_each_and_not_each_of_one_thing_in_one_place(flat, said: str) -> None:
+    text = "model P\n parameter Real a = 1; parameter Real b = 2;\nend P;\nmodel M\n P m;  P q[3];\nend M;\nmodel T\n M x[2](%s);\nend T;\n"
+    with pytest.raises(BgError, match=r"BG223\]: `(m|q)` is modified with(out)? `each` and with(out)? it in one place"):
+        flat(text % said, "T")
+
+
+@pytest.mark.parametrize(
+    "said", ["m(each a = 9), m(b = {3, 4})", "m(each a = 9, b = {3, 4})", "each m.a = 9, m.b = {3, 4}", "each m(a = 9), each m.b = 3"]
+)
+def test_what_is_said_in_parts_adds_up(seen, said: str) -> None:
+    text = "model P\n parameter Real a = 1; parameter Real b = 2;\nend P;\nmodel M\n P m;\nend M;\nmodel T\n M x[2](%s);\nend T;\n"
+    got = seen(text % said, "T").parameters
+    assert [got[f"x[{i}].m.a"] for i in (1, 2)] == [["9"], ["9"]]
+    assert got["x[1].m.b"] == ["3"]

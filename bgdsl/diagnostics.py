@@ -7,7 +7,7 @@ Numbers: BG1 syntax, 2 names and flattening, 3 domains and units, 4 causality, 5
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Literal, NoReturn
@@ -142,7 +142,7 @@ def counted(number: int, noun: str) -> str:
 _STYLES = {"error": "1;31", "warning": "1;33", "rule": "1;34", "bold": "1", "second": "1;34", "help": "1;32"}
 
 
-def _painter(colour: bool):  # type: ignore[no-untyped-def]
+def _painter(colour: bool) -> Callable[[str, str], str]:
     def paint(text: str, style: str) -> str:
         return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if colour and text else text
 
@@ -199,6 +199,11 @@ def _tidy(text: str, *, blank: bool = False) -> str:
 
 def to_json(diagnostics: Iterable[Diagnostic]) -> str:
     """The diagnostics as one JSON document: a list of objects with stable keys."""
+    return json.dumps(as_records(diagnostics), indent=2)
+
+
+def as_records(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
+    """The diagnostics as plain data, as JSON has them."""
 
     def place(label: Label) -> dict[str, object]:
         source = label.span.source
@@ -206,18 +211,15 @@ def to_json(diagnostics: Iterable[Diagnostic]) -> str:
         end_line, end_column = source.position(label.span.end)
         return {"file": source.name, "line": line, "column": column, "end_line": end_line, "end_column": end_column, "text": label.text}
 
-    return json.dumps(
-        [
-            {
-                "code": d.code.number,
-                "severity": d.severity,
-                "message": d.message,
-                "primary": place(d.primary),
-                "others": [place(label) for label in d.others],
-                "notes": list(d.notes),
-                "helps": list(d.helps),
-            }
-            for d in diagnostics
-        ],
-        indent=2,
-    )
+    return [
+        {
+            "code": d.code.number,
+            "severity": d.severity,
+            "message": d.message,
+            "primary": place(d.primary),
+            "others": [place(label) for label in d.others],
+            "notes": list(d.notes),
+            "helps": list(d.helps),
+        }
+        for d in diagnostics
+    ]

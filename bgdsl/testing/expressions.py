@@ -17,7 +17,7 @@ from bgdsl.diagnostics import BgError, Code, Reporter, did_you_mean
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 from bgdsl.testing.places import moved
-from bgdsl.testing.values import BINARY, ELEMENTWISE, OVER_TIME, RELATIONS, UNARY, Series, Value, combine
+from bgdsl.testing.values import BINARY, ELEMENTWISE, OVER_TIME, RELATIONS, UNARY, Series, Value, combine, plain
 
 UNKNOWN = Code("BG652", "a name in a test is not known")
 CANNOT = Code("BG653", "an expression of a test has no value")
@@ -111,7 +111,7 @@ class Evaluation:
         if not values or not isinstance(values[0], Series) or any(isinstance(value, Series | str) for value in values[1:]):
             _refuse(CANNOT, f"`{name}` is of a signal of a run, such as `{name}(r.x)`", span)
         try:
-            return _plain(OVER_TIME[name](*values))
+            return plain(OVER_TIME[name](*values))
         except (TypeError, ValueError) as error:
             many = isinstance(error, TypeError)
             _refuse(CANNOT, f"`{name}` does not take {len(values)} values" if many else str(error), span)
@@ -125,7 +125,7 @@ class Evaluation:
         time = float(series.time[-1]) if isinstance(argument, ast.End) else self.number(argument)
         self.moments.add(time)
         try:
-            return _plain(series.at(time))
+            return plain(series.at(time))
         except ValueError as error:
             _refuse(CANNOT, str(error), argument.span)
 
@@ -166,7 +166,3 @@ class Evaluation:
 
 def _refuse(code: Code, message: str, span: Span, helps: Iterable[str] = ()) -> NoReturn:
     Reporter().fail(code, message, span, helps=helps)
-
-
-def _plain(value: Any) -> Value:
-    return value if isinstance(value, np.ndarray) and value.ndim else float(value)

@@ -72,7 +72,7 @@ def combine(operation: Callable[..., Any], *values: Value) -> Value:
     series = [value for value in values if isinstance(value, Series)]
     with np.errstate(all="ignore"):
         if not series:
-            return _plain(operation(*values))
+            return plain(operation(*values))
         time = series[0].time
         start, stop = max(s.time[0] for s in series), min(s.time[-1] for s in series)
         if start > stop:
@@ -99,7 +99,8 @@ def _aligned(value: Value, time: Floats, width: int) -> Any:
     return found[:, None] if width and found.ndim == 1 else found
 
 
-def _plain(value: Any) -> Value:
+def plain(value: Any) -> Value:
+    """What NumPy gave, a number where it has no axes."""
     return value if isinstance(value, np.ndarray) and value.ndim else float(value)
 
 

@@ -9,15 +9,17 @@ Reports      nothing
 
 from __future__ import annotations
 
-from collections import defaultdict
+import math
+import re
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bgdsl.expr import Expr, substitute, table, to_text, topological, var
 from bgdsl.ir.graph import Instance
 from bgdsl.reductions.compact import alike
-from bgdsl.reductions.contents import OUTPUT, SIGNAL, Contents
-from bgdsl.reductions.places import Body, Key, Piece, Shown, Value, split, within
+from bgdsl.reductions.forms import Seen, array_form
+from bgdsl.reductions.places import OUTPUT, PARAMETER, SIGNAL, Body, Contents, Key, Piece, Shown, Spot, Value, split, within
 
 Steps = tuple[str, ...]
 """The path of a modification: `("rod", "mass_3", "f", "start")`."""
@@ -39,6 +41,8 @@ class Bundle:
     """What the elements of an array of components are given, by index; one value under `()` where there is no array."""
 
     values: dict[tuple[int, ...], Value]
+    default: str | None = None
+    """What the class says already."""
 
 
 @dataclass(slots=True, eq=False)
@@ -82,14 +86,41 @@ class Classes:
     def text(self, value: Value, scope: str) -> str | None:
         """A value as it is written in the class of `scope`, None if that cannot read all of it."""
         texts = self.texts(value, scope)
-        return None if texts is None else nested(texts, value.shape)
+        if texts is None or not value.shape:
+            return None if texts is None else texts[0]
+        if value.diagonal and len(set(texts)) == 1:
+            factor = texts[0] if re.fullmatch(r"[\w.\[\],]+", texts[0]) else f"({texts[0]})"
+            return f"{factor}*identity({len(texts)})"
+        shown = self.array(value.roots, value.shape, scope) or _written(texts, value.shape)
+        return f"diagonal({shown})" if value.diagonal else shown
+
+    def array(self, roots: Sequence[Expr], shape: tuple[int, ...], scope: str) -> str | None:
+        """An array as what it is, where that can be seen."""
+
+        def show(root: Expr) -> str:
+            texts = self.texts(Value((root,)), scope)
+            assert texts is not None
+            return texts[0]
+
+        return array_form(roots, shape, lambda leaf: self.seen(leaf, scope), self.contents.fixed, show)
+
+    def spot(self, variable: str, scope: str) -> Spot | None:
+        """The place at which a variable can be read in the class of `scope`."""
+        return next((spot for spot in self.contents.readings[variable] if within(spot.owner, scope)), None)
+
+    def seen(self, leaf: Expr, scope: str) -> Seen | None:
+        """An entry of an array, as it is read in the class of `scope`."""
+        spot = self.spot(leaf.data, scope)
+        if spot is None or not spot.component or spot.rate:
+            return None
+        return Seen(self.shown.text(replace(spot, component=()), scope), leaf.data.rpartition("[")[0], spot.component, spot.shape)
 
     def texts(self, value: Value, scope: str) -> list[str] | None:
         """Its entries, row-major."""
         renamed: dict[Expr, Expr] = {}
         for node in topological(value.roots):
             if node.op in ("var", "param") and node.data not in value.letters:
-                spot = next((s for s in self.contents.readings[node.data] if within(s.owner, scope)), None)
+                spot = self.spot(node.data, scope)
                 if spot is None:
                     return None
                 renamed[node] = var(self.shown.text(spot, scope))
@@ -97,6 +128,8 @@ class Classes:
                 renamed[node] = var(value.letters[node.data])
             elif node.op == "table":
                 renamed[node] = table(self.tables[node.data[0]], substitute(node.args, renamed)[0], node.data[1])
+            elif node.is_const and node.data == math.pi:
+                renamed[node] = var("pi")
         return [to_text(root) for root in substitute(value.roots, renamed)]
 
     def given(self, bundle: Bundle, scope: str) -> Given | None:
@@ -109,7 +142,18 @@ class Classes:
             return Given(shown[0])
         if len(set(shown)) == 1:
             return Given(shown[0], each=True)
-        return Given(listed({index: text or "" for index, text in texts.items()}))
+        whole = self.as_one(bundle, scope)
+        return Given(whole or listed({index: text or "" for index, text in texts.items()}))
+
+    def as_one(self, bundle: Bundle, scope: str) -> str | None:
+        """All of a bundle as one array that is there."""
+        order = sorted(bundle.values)
+        sizes = tuple(len({index[k] for index in order}) for k in range(len(order[0])))
+        first = bundle.values[order[0]]
+        if first.diagonal or len(sizes) > 1:
+            return None
+        roots = [root for index in order for root in bundle.values[index].roots]
+        return self.array(roots, (*sizes, *first.shape), scope)
 
 
 def classify(contents: Contents, instances: Iterable[Instance], tables: Mapping[str, str]) -> Classes:
@@ -145,6 +189,17 @@ def nested(texts: Sequence[str], shape: tuple[int, ...]) -> str:
         return f"{{{', '.join(texts)}}}"
     step = len(texts) // shape[0]
     return f"{{{', '.join(nested(texts[i * step : (i + 1) * step], shape[1:]) for i in range(shape[0]))}}}"
+
+
+def _written(texts: Sequence[str], shape: tuple[int, ...]) -> str:
+    """An array written out, by a rule if its entries have one."""
+    rule = alike(texts, range(1, len(texts) + 1)) if len(shape) == 1 and len(texts) > 1 else None
+    if rule is not None:
+        return f"{{{rule[1]} for {rule[0]} in 1:{len(texts)}}}"
+    if len(shape) == 2:
+        rows = [", ".join(texts[r * shape[1] : (r + 1) * shape[1]]) for r in range(shape[0])]
+        return f"[{'; '.join(rows)}]"
+    return nested(texts, shape)
 
 
 def listed(texts: Mapping[tuple[int, ...], str]) -> str:
@@ -215,20 +270,41 @@ def _place(work: Classes) -> None:
         for path in kind.members:
             raised[path] = {**_own(work, path), **raised[path]}
         for key in raised[kind.members[0]]:
-            bundles = {path: raised[path][key] for path in kind.members}
-            told = {work.given(bundle, path) for path, bundle in bundles.items()}
-            if len(told) == 1 and (given := told.pop()) is not None:
-                kind.given[key] = given
-                kind.tables |= dict.fromkeys(_tables(bundles[kind.members[0]]))
-                continue
-            assert kind.members[0], f"{key} cannot be said anywhere"
-            if key[0] is None and len(key[2]) == 1:
-                kind.inputs.add(key[2])
-            for path, bundle in bundles.items():
-                _raise(work, raised, path, key, bundle)
+            _settle(work, kind, key, {path: raised[path][key] for path in kind.members}, raised)
     for kind in work.kinds:
         for value in _inside(work.contents.bodies[kind.members[0]]):
             kind.tables |= dict.fromkeys(_tables(Bundle({(): value})))
+
+
+def _settle(
+    work: Classes, kind: Kind, key: tuple[str | None, int, Steps], bundles: Mapping[str, Bundle], raised: dict[str, _Raised]
+) -> None:
+    """Say one thing in the class, or hand it to the instances around."""
+    first = kind.members[0]
+    piece = work.contents.bodies[first].pieces.get((key[2][0], ())) if key[0] is None and len(key[2]) == 1 else None
+    parameter = piece is not None and piece.rank == PARAMETER
+    told = [work.given(bundle, path) for path, bundle in bundles.items()]
+    here = told[0] if len(set(told)) == 1 else None
+    if here is not None and not (parameter and piece is not None and not piece.default and first):
+        if here.text != bundles[first].default:
+            kind.given[key] = here
+            kind.tables |= dict.fromkeys(_tables(bundles[first]))
+        return
+    assert first, f"{key} cannot be said anywhere"
+    if piece is not None:
+        kind.inputs.add(key[2])
+    default = _usual(told) if parameter and piece is not None and piece.default else None
+    if default is not None:
+        kind.given[key] = Given(default)
+    for path, bundle in bundles.items():
+        bundle.default = default or bundle.default
+        _raise(work, raised, path, key, bundle)
+
+
+def _usual(told: Iterable[Given | None]) -> str | None:
+    """The numbers that most instances are given, if any are."""
+    numbers = Counter(given.text for given in told if given is not None and re.fullmatch(r"(?:[-+\d.{}, ]|\de[-+]?\d)+", given.text))
+    return numbers.most_common(1)[0][0] if numbers else None
 
 
 def _own(work: Classes, path: str) -> _Raised:
@@ -259,7 +335,7 @@ def _raise(work: Classes, raised: dict[str, _Raised], path: str, key: tuple[str 
             n = len(next(iter(kinds.kinds)))
             inner[f"{child}[{','.join(map(str, index[:n]))}]",][index[n:]] = value
     for before, values in inner.items():
-        target = raised[spot.owner].setdefault((spot.name, number, (*before, *steps)), Bundle({}))
+        target = raised[spot.owner].setdefault((spot.name, number, (*before, *steps)), Bundle({}, bundle.default))
         target.values.update({(*spot.index, *index): value for index, value in values.items()})
 
 

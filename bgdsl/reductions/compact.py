@@ -70,7 +70,7 @@ class Statement:
 
 def statements(links: Sequence[tuple[Spot, ...]], shown: Shown, scope: str, notes: Mapping[int, Sequence[str]]) -> list[str]:
     """The links of one class as lines. notes: comments by the position of the link before which they stand."""
-    made = _vectors(links, shown, scope)
+    made = _chained(_vectors(links, shown, scope))
     loops, single = _loops(made)
     first = {id(statement): min(statement.positions) for statement in made}
     blocks: list[tuple[int, list[str]]] = []
@@ -94,10 +94,10 @@ def _vectors(links: Sequence[tuple[Spot, ...]], shown: Shown, scope: str) -> lis
     made: list[Statement] = []
     widths: dict[tuple[str, ...], tuple[int, ...]] = {}
     for k, link in enumerate(links):
-        if len(link) == 2 and all(spot.width > 1 for spot in link):
+        if len(link) == 2 and all(spot.shape for spot in link):
             key = tuple(shown.text(Spot(s.owner, s.name, s.index, s.attribute), scope) for s in link)
             groups[key].append((tuple(spot.component[0] for spot in link), k))
-            widths[key] = tuple(spot.width for spot in link)
+            widths[key] = tuple(spot.shape[0] for spot in link)
         else:
             made.append(Statement(tuple(shown.text(spot, scope) for spot in link), "->", [k]))
     for key, rows in groups.items():
@@ -119,10 +119,31 @@ def _runs(rows: Sequence[tuple[tuple[int, ...], int]]) -> list[list[tuple[tuple[
 def _vector(ends: tuple[str, ...], widths: tuple[int, ...], run: Sequence[tuple[tuple[int, ...], int]]) -> Statement:
     low, high = run[0][0], run[-1][0]
     positions = [k for _, k in run]
-    if low == high:
+    if low == high and max(widths) > 1:
         return Statement(tuple(f"{end}[{i}]" for end, i in zip(ends, low, strict=True)), "->", positions)
     shown = tuple(end if (a, b) == (1, width) else f"{end}[{a}:{b}]" for end, a, b, width in zip(ends, low, high, widths, strict=True))
     return Statement(shown, "=>", positions)
+
+
+def _chained(made: Sequence[Statement]) -> list[Statement]:
+    """Bonds to one port of a two-port and from its other as one chain through it."""
+    ends: dict[str, list[Statement]] = defaultdict(list)
+    for statement in made:
+        for end in (statement.ends[0], statement.ends[-1]):
+            ends[end].append(statement)
+    gone: set[int] = set()
+    for statement in made:
+        while id(statement) not in gone and statement.ends[-1].endswith(".p1"):
+            base = statement.ends[-1][:-3]
+            into, out = ends[f"{base}.p1"], ends[f"{base}.p2"]
+            if len(into) > 1 or len(out) != 1 or out[0].ends[0] != f"{base}.p2" or out[0].arrow != statement.arrow:
+                break
+            following = out[0]
+            gone.add(id(following))
+            statement.ends = (*statement.ends[:-1], base, *following.ends[1:])
+            statement.positions += following.positions
+            ends[statement.ends[-1]] = [statement if s is following else s for s in ends[statement.ends[-1]]]
+    return [statement for statement in made if id(statement) not in gone]
 
 
 def _loops(made: Iterable[Statement]) -> tuple[dict[tuple[str, int, int], list[Statement]], list[Statement]]:

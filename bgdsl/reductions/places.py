@@ -7,7 +7,7 @@ while all its elements are alike and there.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bgdsl.expr import Expr
@@ -16,13 +16,16 @@ from bgdsl.ir.graph import BondGraph
 Key = tuple[str, str]
 """(instance, name in its class)."""
 
+PARAMETER, INPUT, JUNCTION, ELEMENT, SIGNAL, OUTPUT = range(6)
+"""Ranks of declarations in a class."""
+
 
 @dataclass(frozen=True, slots=True)
 class Spot:
     """Something that a bond ends at or an expression reads: `owner.name[index].attribute[component]`.
 
-    index: in an array of components; attribute: a port or a variable; component: of a vector kept whole (`width` long) or of an
-    array of values, from 1. rate: the derivative of it.
+    index: in an array of components; attribute: a port or a variable; component: of a vector kept whole or of an array of values,
+    from 1, which has that shape. rate: the derivative of it.
     """
 
     owner: str
@@ -30,7 +33,7 @@ class Spot:
     index: tuple[int, ...] = ()
     attribute: str = ""
     component: tuple[int, ...] = ()
-    width: int = 0
+    shape: tuple[int, ...] = ()
     rate: bool = False
 
     @property
@@ -46,6 +49,8 @@ class Value:
     roots: tuple[Expr, ...]
     shape: tuple[int, ...] = ()
     letters: Mapping[str, str] = field(default_factory=dict)
+    diagonal: bool = False
+    """The entries are those of a diagonal matrix."""
 
 
 @dataclass(slots=True, eq=False)
@@ -64,6 +69,8 @@ class Piece:
     comment: str = ""
     prefix: str = ""
     open: bool = False
+    default: bool = True
+    """Has the author's class a value for it?"""
 
     @property
     def shape(self) -> tuple[object, ...]:
@@ -88,6 +95,39 @@ class Body:
     @property
     def empty(self) -> bool:
         return not (self.pieces or self.links or self.notes or self.equations or self.lines or self.starts)
+
+
+@dataclass(slots=True, eq=False)
+class Contents:
+    """bodies: by instance, in the order of the model. readings: the places at which a variable or a parameter can be read, best
+    first. extents: sizes of arrays of components. inputs, outputs: variables of other parts and for them, with the names that they
+    have here. elements: names of the classes of users' elements, by their texts with `{}` for the name. variables: where the
+    model's own variables are now. there: the junctions and elements of which something is there, by their flat paths.
+    """
+
+    bodies: dict[str, Body]
+    readings: dict[str, tuple[Spot, ...]] = field(default_factory=dict)
+    extents: dict[Key, tuple[int, ...]] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    elements: dict[str, str] = field(default_factory=dict)
+    variables: dict[str, Spot] = field(default_factory=dict)
+    there: set[str] = field(default_factory=set)
+    fixed: dict[str, float] = field(default_factory=dict)
+    """The values of constants, by scalar name."""
+
+    def body(self, path: str) -> Body:
+        """What belongs to an instance."""
+        return self.bodies[path]
+
+    def add(self, piece: Piece) -> None:
+        """Declare something where its place says."""
+        self.bodies[piece.spot.owner].pieces[piece.spot.name, piece.spot.index] = piece
+
+    def read(self, variable: str, spot: Spot) -> None:
+        """A variable of the model is at this place."""
+        self.variables[variable] = spot
+        self.readings[variable] = (spot,)
 
 
 def split(path: str) -> Spot:
@@ -136,9 +176,14 @@ class LocalNames:
     def __init__(self, graph: BondGraph):
         self.taken: dict[str, set[str]] = {}
         self.given: dict[tuple[str, object], str] = {}
+        self.extents: dict[Key, tuple[int, ...]] = {}
+        """The sizes of the arrays of components."""
         for path in _paths(graph):
             spot = split(path)
             self.taken.setdefault(spot.owner, set()).add(spot.name)
+            if spot.index:
+                before = self.extents.get(spot.key, spot.index)
+                self.extents[spot.key] = tuple(map(max, before, spot.index))
 
     def fresh(self, owner: str, wanted: str, what: object) -> str:
         """A name in the class of `owner` that only `what` has; the same whenever it is asked for."""
@@ -151,22 +196,20 @@ class LocalNames:
             self.given[owner, what] = name
         return self.given[owner, what]
 
+    def piece(self, base: Spot, tag: str) -> Spot:
+        """The place of a scalar piece of a vector or matrix: its name says which."""
+        if not tag:
+            return Spot(base.owner, base.name, base.index)
+        name = self.fresh(base.owner, f"{base.name}{tag}", (base.name, tag))
+        if base.index:
+            self.extents[base.owner, name] = self.extents[base.key]
+        return Spot(base.owner, name, base.index)
+
 
 def _paths(graph: BondGraph) -> Iterator[str]:
     for things in (graph.junctions, graph.elements, graph.signals, graph.parameters):
         yield from (thing.name for thing in things)
     yield from (instance.path for instance in graph.instances if instance.path)
-
-
-def extents(paths: Iterable[str]) -> dict[Key, tuple[int, ...]]:
-    """The sizes of the arrays of components, by instance and name."""
-    found: dict[Key, tuple[int, ...]] = {}
-    for path in paths:
-        spot = split(path)
-        if spot.index:
-            before = found.get(spot.key, spot.index)
-            found[spot.key] = tuple(map(max, before, spot.index))
-    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,9 +19,9 @@ from bgdsl.ir.graph import BondGraph, Experiment
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.classes import EMPTY, Child, Classes, Given, Kind, Steps, classify
 from bgdsl.reductions.compact import alike, skeleton, statements
-from bgdsl.reductions.contents import INPUT, JUNCTION, PARAMETER, SIGNAL, Contents, gather
+from bgdsl.reductions.contents import gather
 from bgdsl.reductions.part import Part
-from bgdsl.reductions.places import Piece, flat_name, without_indices
+from bgdsl.reductions.places import INPUT, JUNCTION, PARAMETER, SIGNAL, Contents, Piece, Value, flat_name, without_indices
 from bgdsl.reductions.source_map import UnwritableError
 
 Describe = Callable[[list[tuple[str, int]]], str]
@@ -92,7 +92,7 @@ class _Writer:
         """The author's names; a further kind of one class is named after its first instance."""
         taken = {model, *self.contents.elements.values()}
         names = {self.classes.kinds[-1].number: model}
-        for kind in reversed(self.classes.kinds[:-1]):
+        for kind in sorted(self.classes.kinds[:-1], key=lambda kind: (-len(kind.members), -kind.number)):
             name = wanted = kind.instance.class_name
             if name in taken:
                 name = wanted = f"{wanted}_{flat_name(without_indices(kind.members[0].rpartition('.')[2]))}"
@@ -227,8 +227,6 @@ class _Writer:
             parts.append(f'method = "{experiment.method}"')
         if experiment.window is not None:
             parts.append(f"window = {{{', '.join(map(_shown, experiment.window))}}}")
-        from bgdsl.reductions.places import Value
-
         for scalar, value in experiment.changes.items():
             if scalar in self.contents.readings:
                 text = self.classes.text(Value((value,)), "")
@@ -247,14 +245,17 @@ class _Writer:
         groups: dict[str, list[str]] = defaultdict(list)
         for text in rows:
             groups[skeleton(text)[0]].append(text)
-        found: dict[int, list[str]] = defaultdict(list)
+        said: dict[tuple[str, str], list[tuple[int, str]]] = defaultdict(list)
         for texts in groups.values():
             rule = alike(texts, range(1, len(texts) + 1)) if len(texts) > 1 else None
             for some in [texts] if rule else [[text] for text in texts]:
                 members = [row for text in some for row in rows[text]]
                 told = self.describe([(path, term) for _, path, term in members])
-                shown = f"{rule[1]}, rho{told.rpartition(', rho')[2]}" if rule else told
-                found[min(position for position, _, _ in members)].append(shown)
+                what, _, name = (rule[1] if rule else some[0]).partition(" of ")
+                said[what, told.rpartition(", rho")[2]].append((min(position for position, _, _ in members), name))
+        found: dict[int, list[str]] = defaultdict(list)
+        for (what, rho), names in said.items():
+            found[min(names)[0]].append(f"{what} of {', '.join(name for _, name in names)}, rho{rho}")
         return found
 
 

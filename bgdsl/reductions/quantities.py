@@ -1,0 +1,256 @@
+"""Signals, parameters, inputs and outputs of a part: each in the instance that declares it.
+
+Input        the bodies as `contents` has begun them, with the elements and what they are given
+Output       the same bodies, with everything that these read
+Establishes  what is read and not there is an `input` of the model; laws and equations read nothing from outside of their instance
+Reports      nothing; UnwritableError where an equation has no place
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from bgdsl.expr import Expr, const, leaves, param, substitute, var
+from bgdsl.ir.graph import Parameter, Signal
+from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.reductions.part import Part
+from bgdsl.reductions.places import (
+    INPUT,
+    OUTPUT,
+    PARAMETER,
+    SIGNAL,
+    Contents,
+    LocalNames,
+    Piece,
+    Spot,
+    Value,
+    common,
+    flat_name,
+    indices,
+    split,
+    within,
+    without_indices,
+)
+from bgdsl.reductions.source_map import UnwritableError
+from bgdsl.reductions.wording import Wording
+
+
+class Quantities:
+    """Writes what is no bond into the bodies of `found`."""
+
+    def __init__(self, scalar: ScalarGraph, part: Part, found: Contents, names: LocalNames, wording: Wording):
+        self.scalar, self.part, self.graph = scalar, part, scalar.graph
+        self.found, self.names, self.wording = found, names, wording
+        self.signal_of = {name: s for s in self.graph.signals for name in s.scalars()}
+
+    def write(self) -> None:
+        """All of it."""
+        self.write_signals()
+        self.write_checks()
+        self.read_all()
+        self.write_outputs()
+        self.localise()
+
+    # ------------------------------------------------------------------------------------------------------- signals
+
+    def signal_place(self, signal: Signal) -> Spot:
+        """Where a signal is; what a user's element declares is written beside it."""
+        base = split(signal.name)
+        if base.owner in self.wording.elements:
+            element = split(base.owner)
+            return Spot(element.owner, self.names.fresh(element.owner, f"{element.name}_{base.name}", signal.name), element.index)
+        return base
+
+    def write_signals(self) -> None:
+        right = self.equations()
+        for signal in self.graph.signals:
+            mine = [name for name in signal.scalars() if name in self.part.signals]
+            whole = len(mine) == len(signal.scalars())
+            for group in [mine] if whole and mine else [[name] for name in mine]:
+                self.write_signal(signal, group, right, whole=whole)
+
+    def write_signal(self, signal: Signal, group: Sequence[str], right: dict[str, Value], *, whole: bool) -> None:
+        """A signal that is there whole, or one entry of it, with its start and its equations."""
+        base = self.signal_place(signal)
+        here = base if whole else self.names.piece(base, f"_{flat_name(group[0][len(signal.name) :])}")
+        shape = signal.shape if whole else ()
+        for name in group:
+            component = indices(name[len(signal.name) + 1 : -1]) if shape else ()
+            spot = Spot(here.owner, here.name, here.index, "", component, shape)
+            self.found.read(name, spot)
+            self.found.readings[f"der({name})"] = (Spot(here.owner, here.name, here.index, "", component, shape, rate=True),)
+        prefix = "input " if signal.role == "input" else "output " if signal.output else ""
+        dims = f"[{', '.join(map(str, shape))}]" if shape else ""
+        piece = Piece(
+            here, OUTPUT if signal.output else SIGNAL, "Real", dims, _unit(signal.unit, shape), comment=signal.comment, prefix=prefix
+        )
+        if signal.starts is not None:
+            by_name = dict(zip(signal.scalars(), signal.starts, strict=True))
+            piece.values["start",] = Value(tuple(self.wording.short(by_name[name]) for name in group), shape)
+        if all(name in right for name in group):
+            piece.values[()] = Value(tuple(right[name].roots[0] for name in group), shape)
+        else:
+            for name in group:
+                for variable in (name, f"der({name})"):
+                    if variable in right:
+                        self.found.body(here.owner).equations.append((self.found.readings[variable][0], right[variable]))
+        self.found.add(piece)
+
+    def equations(self) -> dict[str, Value]:
+        """The right sides of the wanted signals' equations, by the variable they are for."""
+        found: dict[str, Value] = {}
+        for equation in self.graph.equations:
+            left = equation.left.data if equation.left.op == "var" else None
+            target = left[4:-1] if left and left.startswith("der(") else left
+            if target is None or target not in self.signal_of:
+                raise UnwritableError((), "an equation that is not solved for a variable has no place in a part")
+            if target in self.part.signals:
+                assert left is not None
+                found[left] = Value(self.wording.prepared((equation.right,), (left,)))
+        return found
+
+    def write_checks(self) -> None:
+        """Checks and initial equations of which everything is there."""
+        for check in self.graph.checks:
+            (condition,) = self.wording.prepared((check.condition,))
+            if self.all_here((condition,)):
+                self.found.body("").lines.append((check.message, Value((condition,))))
+        for equation in self.graph.initial_equations:
+            left, right = self.wording.prepared((equation.left, equation.right))
+            if self.all_here((left, right)):
+                self.found.body("").starts.append((Value((left,)), Value((right,))))
+
+    def all_here(self, roots: Iterable[Expr]) -> bool:
+        return all(leaf.data in self.found.readings for leaf in leaves(roots))
+
+    # --------------------------------------------------------------------------------------------- what is read
+
+    def all_values(self) -> Iterator[Value]:
+        for body in self.found.bodies.values():
+            for piece in body.pieces.values():
+                yield from piece.values.values()
+                if piece.law is not None:
+                    yield piece.law[1]
+            yield from (value for _, value in body.equations)
+            yield from (value for _, value in body.lines)
+            yield from (value for pair in body.starts for value in pair)
+
+    def read_all(self) -> None:
+        """Inputs for what is not there, and the parameters that are read, with those that they read."""
+        roots = [root for value in self.all_values() for root in value.roots]
+        letters = {name for value in self.all_values() for name in value.letters}
+        for leaf in leaves(roots):
+            if leaf.data not in self.found.readings and leaf.data not in letters:
+                self.input(leaf.data)
+        for v in self.part.outputs:
+            roots += self.wording.prepared((var(v),))
+        waiting = [leaf.data for leaf in leaves(roots, "param")]
+        pieces: dict[str, Piece] = {}
+        while waiting:
+            parameter = self.wording.parameter_of[waiting.pop()]
+            if parameter.name not in pieces:
+                pieces[parameter.name] = piece = self.parameter(parameter)
+                waiting += [leaf.data for leaf in leaves(piece.values[()].roots, "param")]
+        for parameter in self.graph.parameters:
+            if parameter.name in pieces:
+                self.found.add(pieces[parameter.name])
+
+    def input(self, variable: str) -> None:
+        if any(self.scalar.junctions[j].variable == variable for j in self.part.junctions):
+            raise UnwritableError((), f"`{variable}` is read, and nothing is left of its junction")
+        name = self.names.fresh("", flat_name(variable), variable)
+        self.found.inputs[variable] = name
+        self.found.readings[variable] = (Spot("", name),)
+        self.found.add(Piece(Spot("", name), INPUT, "Real", prefix="input "))
+
+    def parameter(self, parameter: Parameter) -> Piece:
+        here = split(parameter.name)
+        for name in parameter.scalars():
+            component = indices(name[len(parameter.name) + 1 : -1])
+            self.found.readings[name] = (Spot(here.owner, here.name, (), "", component, parameter.shape),)
+            if parameter.constant:
+                self.found.fixed[name] = self.wording.values[name]
+        changed = self.part.changed
+        values = tuple(
+            const(changed[name]) if name in changed else self.wording.short(value)
+            for name, value in zip(parameter.scalars(), parameter.values, strict=True)
+        )
+        dims = f"[{', '.join(map(str, parameter.shape))}]" if parameter.shape else ""
+        return Piece(
+            here,
+            PARAMETER,
+            "Integer" if parameter.integer else "Real",
+            dims,
+            _unit(parameter.unit, parameter.shape),
+            {(): Value(values, parameter.shape)},
+            comment=parameter.comment,
+            prefix="constant " if parameter.constant else "parameter ",
+            default=_has_default(parameter),
+        )
+
+    def write_outputs(self) -> None:
+        """What other parts read, under names of the whole model."""
+        for variable in self.part.outputs:
+            value = Value(self.wording.prepared((var(variable),)))
+            spots = self.found.readings.get(variable, ())
+            wanted = flat_name(variable)
+            if spots and spots[0] == Spot("", wanted):
+                piece = self.found.body("").pieces[wanted, ()]
+                piece.prefix = "output "
+                self.found.outputs[variable] = wanted
+                continue
+            name = self.names.fresh("", wanted, ("output", variable))
+            self.found.outputs[variable] = name
+            self.found.add(Piece(Spot("", name), OUTPUT, "Real", values={(): value}, prefix="output "))
+
+    # ---------------------------------------------------------------------------------------------- what is elsewhere
+
+    def localise(self) -> None:
+        """Laws and equations stay in their class: what they read of elsewhere gets there as an input or parameter of it."""
+        for path, body in self.found.bodies.items():
+            if path:
+                for piece in list(body.pieces.values()):
+                    if piece.law is not None:
+                        piece.law = piece.law[0], self.localised(path, piece.law[1])
+                    if piece.prefix == "output " and () in piece.values:
+                        piece.values[()] = self.localised(path, piece.values[()])
+                body.equations = [(left, self.localised(path, value)) for left, value in body.equations]
+
+    def localised(self, path: str, value: Value) -> Value:
+        moved: dict[Expr, Expr] = {}
+        for op in ("var", "param"):
+            for leaf in leaves(value.roots, op):
+                if leaf.data not in value.letters and not any(within(s.owner, path) for s in self.found.readings[leaf.data]):
+                    moved[leaf] = self.local(path, leaf)
+        return Value(substitute(value.roots, moved), value.shape, value.letters) if moved else value
+
+    def local(self, path: str, leaf: Expr) -> Expr:
+        """The name in an instance of what it reads of elsewhere."""
+        spot = self.found.readings[leaf.data][0]
+        shared = common(path, spot.owner)
+        seen = flat_name(without_indices(leaf.data.removeprefix(f"{shared}.") if shared else leaf.data))
+        entry = f"_{'_'.join(map(str, spot.component))}" if leaf.op == "param" and spot.component else ""
+        name = self.names.fresh(path, f"{seen}{entry}", ("elsewhere", leaf.data))
+        given = f"{path}.{name}"
+        here = Spot(path, name)
+        if given not in self.found.readings:
+            self.found.readings[given] = (here,)
+            prefix, rank = ("parameter ", PARAMETER) if leaf.op == "param" else ("input ", INPUT)
+            self.found.add(Piece(here, rank, "Real", values={(): Value((leaf,))}, prefix=prefix))
+        return param(given) if leaf.op == "param" else var(given)
+
+
+def _has_default(parameter: Parameter) -> bool:
+    """Does the declaration say a value? (Strings and what is in parentheses say none.)"""
+    text = re.sub(r'"(?:[^"\\]|\\.)*"', "", parameter.origin.span.text)
+    while "(" in text:
+        shorter = re.sub(r"\([^()]*\)", "", text)
+        if shorter == text:
+            break
+        text = shorter
+    return "=" in text
+
+
+def _unit(unit: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    return (f'{"each " if shape else ""}unit = "{unit}"',) if unit else ()

@@ -14,13 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from bgdsl.expr import MINUS_ONE, ONE, Expr, add, partials, topological, var
+from bgdsl.expr import MINUS_ONE, ONE, ZERO, Expr, add, const, partials, topological, var
 from bgdsl.ir.program import Assign, Jacobian, Program, SolveLinear, SolveNewton, Sparse, Step
 
 Gradient = Mapping[int, Expr]
 """The nonzero slopes of one expression, by column."""
 
 _NONE: Gradient = {}
+TINY = const(1e-300)
+"""Nothing beside any number, and not zero."""
 
 
 def jacobian(program: Program) -> Jacobian:
@@ -80,8 +82,17 @@ def _gradient(node: Expr, known: Mapping[Expr, Gradient]) -> Gradient:
         return _NONE
     if node.op == "add" and len(moving) == 1:
         return known[node.args[moving[0]]]
-    slopes = partials(node)
+    slopes = _slopes(node)
     return _combine([(slopes[k], known[node.args[k]]) for k in moving if not slopes[k].is_zero])
+
+
+def _slopes(node: Expr) -> tuple[Expr, ...]:
+    """The partial derivatives. Where a root is vertical its slope is told as 0: the root of `abs(x)` would otherwise be no number."""
+    if node.op == "sqrt":
+        return (const(0.5) * node / (node.args[0] + TINY),)
+    if node.op == "pow" and node.args[1].is_const and 0.0 < node.args[1].data < 1.0:
+        return node.args[1] * node / (node.args[0] + TINY), ZERO
+    return partials(node)
 
 
 def _combine(shares: Sequence[tuple[Expr, Gradient]]) -> Gradient:

@@ -2,7 +2,9 @@
 
 Input        the steps of a program and the expressions wanted of it
 Output       Events: one function for each switch, which changes sign where it switches
-Establishes  only what the wanted expressions use is watched, and only what moves with state, input or time
+Establishes  only what the wanted expressions use is watched, and only what moves with state, input or time. Roots that
+             stand upright, `sign(x)*sqrt(abs(x))`, are not: nothing jumps there, and what comes to rest in finite time along
+             one (tanks that level out through an orifice) would cross zero without end
 Reports      nothing
 """
 
@@ -35,7 +37,8 @@ def collect_events(
     for k, root in enumerate(roots):
         for value in _watched((root,), moves, moving):
             found.setdefault(value, origins[min(k, len(origins) - 1)] if origins else used[-1].origin)
-    return tuple(Event(value, origin) for value, origin in found.items())
+    upright = _upright([*(value for step in used for value in read(step)), *roots])
+    return tuple(Event(value, origin) for value, origin in found.items() if value not in upright)
 
 
 def _watched(roots: Iterable[Expr], moves: dict[Expr, bool], moving: set[str]) -> Iterator[Expr]:
@@ -56,3 +59,43 @@ def _switch(node: Expr) -> Expr | None:
         case "abs" | "sign":
             return node.args[0]
     return None
+
+
+# --------------------------------------------------------------------------------------------------------------------- roots
+
+
+def _upright(roots: Sequence[Expr]) -> set[Expr]:
+    """The functions g of which only roots like `sqrt(abs(g))` and `sign(g)*abs(g)^(1/3)` depend on the sign."""
+    found: set[Expr] = set()
+    other: set[Expr] = set()
+    products = {root for root in roots if root.op == "mul"}
+    for node in topological(roots):
+        if node.op in ("abs", "sign"):
+            found.add(node.args[0])
+        elif (value := _switch(node)) is not None:
+            other.add(value)
+        if node.op == "mul":
+            continue
+        products.update(arg for arg in node.args if arg.op == "mul")
+        other.update(arg.args[0] for arg in node.args if arg.op == "sign" or (arg.op == "abs" and not _is_root(node)))
+    for product in products:
+        factors = _factors(product)
+        vanishing = {factor.args[0].args[0] for factor in factors if _is_root(factor) and factor.args[0].op == "abs"}
+        other.update(factor.args[0] for factor in factors if factor.op == "sign" and factor.args[0] not in vanishing)
+        other.update(factor.args[0] for factor in factors if factor.op == "abs")
+    return found - other - {root.args[0] for root in roots if root.op in ("abs", "sign")}
+
+
+def _is_root(node: Expr) -> bool:
+    return node.op == "sqrt" or (node.op == "pow" and node.args[1].is_const and 0.0 < node.args[1].data < 1.0)
+
+
+def _factors(product: Expr) -> list[Expr]:
+    found, stack = [], [product]
+    while stack:
+        node = stack.pop()
+        if node.op == "mul":
+            stack += node.args
+        else:
+            found.append(node)
+    return found

@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from bgdsl.cli import console
-from bgdsl.diagnostics import BgError
+from bgdsl.diagnostics import BgError, as_records
 from bgdsl.version import VERSION
 
 # typer carries its own click in newer releases and the package in older ones: the base of its errors is found through it
@@ -77,13 +78,13 @@ def run(arguments: Sequence[str]) -> int:
         arguments.insert(0, "--debug")
     try:
         result = app(arguments, standalone_mode=False, prog_name="bgc")
-        return _status(result if isinstance(result, int) else 0)
+        return _status(result if isinstance(result, int) else 0, arguments)
     except typer.Exit as stop:
-        return _status(stop.exit_code)
+        return _status(stop.exit_code, arguments)
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
-        _tell(error)
+        _failed(error, arguments)
         if console.debug:
             traceback.print_exception(error)
     return 2
@@ -93,28 +94,43 @@ INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
 
 
-def _status(code: int) -> int:
+def _status(code: int, arguments: Sequence[str]) -> int:
     """The exit status: an interrupt means that the work could not be done."""
     if code != INTERRUPTED:
         return code
-    _tell(KeyboardInterrupt())
+    _failed(KeyboardInterrupt(), arguments)
     return 2
 
 
-def _tell(error: BaseException) -> None:
-    """Say on stderr why the work could not be done."""
-    if isinstance(error, BgError):
-        console.diagnostics(error.diagnostics)
+def _failed(error: BaseException, arguments: Sequence[str]) -> None:
+    """Say on stderr why the work could not be done, and in a document on stdout to whom asked for JSON."""
+    found = error.diagnostics if isinstance(error, BgError) else ()
+    if found:
+        console.diagnostics(found)
     elif isinstance(error, UsageProblem):
         error.show(sys.stderr)
-    elif isinstance(error, OSError):
-        where = f": {error.filename}" if error.filename else ""
-        console.message(f"error: {error.strerror or error}{where}")
-    elif isinstance(error, RecursionError):
-        console.message("error: the model is nested too deeply")
-    elif isinstance(error, KeyboardInterrupt | typer.Abort):
-        console.message("stopped")
-    elif isinstance(error, console.RefusedError):
-        console.message(f"error: {error}")
     else:
-        console.message(f"error: this is a fault of bgc, not of the model: {type(error).__name__}: {error}; `--debug` shows where")
+        console.message(_why(error))
+    if _asks_for_json(arguments):
+        console.out_json({"error": found[0].message if found else _why(error).removeprefix("error: "), "diagnostics": as_records(found)})
+
+
+def _why(error: BaseException) -> str:
+    match error:
+        case UsageProblem():
+            return str(error.format_message())
+        case OSError():
+            where = f": {error.filename}" if error.filename else ""
+            return f"error: {error.strerror or error}{where}"
+        case RecursionError():
+            return "error: the model is nested too deeply"
+        case KeyboardInterrupt() | typer.Abort():
+            return "stopped"
+        case console.RefusedError():
+            return f"error: {error}"
+        case _:
+            return f"error: this is a fault of bgc, not of the model: {type(error).__name__}: {error}; `--debug` shows where"
+
+
+def _asks_for_json(arguments: Sequence[str]) -> bool:
+    return "--format=json" in arguments or ("--format", "json") in pairwise(arguments)

@@ -40,13 +40,13 @@ def test(
         if format is arg.Format.TEXT:
             for outcome in found:
                 _tell(outcome)
+    if only is not None and not outcomes and not unreadable:
+        raise typer.BadParameter(f"no test's name contains `{only}`", param_hint="-k")
     if format is arg.Format.JSON:
         console.out_json(_document(outcomes, unreadable))
     else:
         console.diagnostics(unreadable)
         console.out(_total(outcomes))
-    if only is not None and not outcomes and not unreadable:
-        raise typer.BadParameter(f"no test's name contains `{only}`", param_hint="-k")
     if unreadable or any(outcome.error for outcome in outcomes):
         return 2
     return int(not all(outcome.passed for outcome in outcomes))

@@ -122,6 +122,29 @@ def test_inputs_for_a_model_without_any(bgc: Callable[..., Result]) -> None:
     assert result.status == 0 and "Lever has no inputs: record.csv is not read" in result.err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "error", "codes"),
+    [
+        (("simulate", LEVER, "--experiment", "kik"), "no experiment `kik`", ["BG610"]),
+        (("simulate", LEVER, "--set", "mA=-1"), "`massA.e` is", ["BG630"]),
+        (("compile", "absent.bg"), "no file `absent.bg`", ["BG108"]),
+        (("simulate", LEVER, "--set", "mA"), "`mA` is not PATH=VALUE", []),
+        (("test", LEVER, "-k", "nothing of this name"), "no test's name", []),
+        (("simulate",), "FILE", []),
+    ],
+)
+@pytest.mark.parametrize("form", [("--format", "json"), ("--format=json",)])
+def test_what_cannot_be_done_is_a_document_too(
+    bgc: Callable[..., Result], arguments: tuple[str, ...], error: str, codes: list[str], form: tuple[str, ...]
+) -> None:
+    result = bgc(*arguments, *form)
+    assert result.status == 2 and result.err
+    document = json.loads(result.out)
+    assert error in document["error"]
+    assert [found["code"] for found in document["diagnostics"]] == codes
+    assert bgc(*arguments).out == ""
+
+
 def test_check_reports_as_json(bgc: Callable[..., Result], tmp_path: Path) -> None:
     Path("wrong.bg").write_text("model A\n  J1 v;\nequation\n  v -> nothing;\nend A;\n")
     result = bgc("check", "wrong.bg", "--format", "json")

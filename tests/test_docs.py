@@ -2,7 +2,7 @@
 
 A page is a story: its blocks run in order in one folder. ```bg blocks are files (`// file: name.bg` as first line names them)
 and must pass `bgc check`, or report what `// error: BG230` at their head says; ```python blocks run; in ```console blocks the lines
-after `$ ` are commands (`bgc`, `cat`), and what they print must match what the page shows, where a line `...` stands for any
+after `$ ` are commands (`bgc`, `cat`, `diff`), and what they print must match what the page shows, where a line `...` stands for any
 lines, `...` in a line for any text, `~1.2` for any number, and two spaces for two or more.
 """
 
@@ -13,6 +13,7 @@ import io
 import re
 import shlex
 import shutil
+import subprocess
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -60,8 +61,8 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
 def _console(text: str) -> None:
     for command, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n?)*)", text, re.MULTILINE):
         words = shlex.split(command, comments=True)
-        if words[0] == "cat":
-            printed = Path(words[1]).read_text("utf-8")
+        if words[0] in ("cat", "diff"):
+            printed = subprocess.run(words, capture_output=True, text=True).stdout
         else:
             assert words[0] == "bgc", command
             terminal = io.StringIO()

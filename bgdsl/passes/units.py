@@ -144,13 +144,18 @@ class _Check:
             return
         self.seen.add(origin.span)
         scale = one.exponents == other.exponents
-        helps = (
-            (f"1 {spell(other)} is {other.factor / one.factor:.10g} of the other",) if scale and not (one.offset or other.offset) else ()
-        )
+        helps = (self._converted(one, other, values),) if scale and not (one.offset or other.offset) else ()
         if origin.path:
             notes = (*notes, f"in `{origin.path}`")
         labels = self._origins(values)
         self.report.add(SCALE if scale else UNLIKE, message, origin.span, "here", others=labels, notes=notes, helps=helps)
+
+    def _converted(self, one: Unit, other: Unit, values: tuple[Expr, ...]) -> str:
+        """How many of the one unit the other is; `values` are of both, or of the other alone."""
+        wanted = self._shown(values[0], one) if len(values) > 1 else spell(one)
+        given = self._shown(values[-1], other)
+        factor = "times " if wanted[0].isdigit() else ""
+        return f"{'' if given[0].isdigit() else '1 '}{given} is {other.factor / one.factor:.10g} {factor}{wanted}"
 
     def _no_number(self, node: Expr, arg: Expr, unit: Unit, origin: Origin) -> None:
         if origin.span in self.seen:

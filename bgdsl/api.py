@@ -64,8 +64,8 @@ class Model(pipeline.Model):
     def compile(self) -> System:
         return System(self)
 
-    def changed(self, overrides: Mapping[str, Value]) -> Model:
-        return _wrapped(super().changed(overrides))
+    def changed(self, overrides: Mapping[str, Value], experiment: str | None = None) -> Model:
+        return _wrapped(super().changed(overrides, experiment))
 
     def activity(self, experiment: str | None = None, parameters: Mapping[str, Any] | None = None, **more: Any) -> ActivityReport:
         """Every term's activity along a run."""
@@ -87,13 +87,15 @@ class Model(pipeline.Model):
     ) -> Reduced:
         """The model without terms below `threshold`, or the smallest whose `outputs` err by no more than `max_error`.
 
-        ValueError unless exactly one of the two is given, or where no reduction stays within the error.
+        Both are fractions of one, a threshold up to 1. ValueError unless exactly one of the two is given, or where no reduction stays
+        within the error.
         """
         from bgdsl import reduce
         from bgdsl.accuracy import smallest
 
         if (threshold is None) == (max_error is None):
             raise ValueError("give either threshold or max_error")
+        _check_fraction(threshold)
         measured = reduce.measure(self, _scenario(experiment, parameters, more))
         place = None if folder is None else Path(folder)
         if threshold is not None:
@@ -115,11 +117,17 @@ class Model(pipeline.Model):
         stem: str | None = None,
         **more: Any,
     ) -> Partitioned:
-        """The model taken apart at a threshold; `.files` is empty where it holds together."""
+        """The model taken apart at a threshold, a fraction up to 1; `.files` is empty where it holds together. ValueError for another."""
         from bgdsl import reduce
 
+        _check_fraction(threshold)
         measured = reduce.measure(self, _scenario(experiment, parameters, more))
         return reduce.partition(measured, threshold, conditioned=conditioned, guard=guard, stem=stem or self.name.lower())
+
+
+def _check_fraction(threshold: float | None) -> None:
+    if threshold is not None and not 0 <= threshold <= 1:
+        raise ValueError(f"a threshold is a fraction between 0 and 1, such as 0.003, not {threshold}")
 
 
 class System(pipeline.System):

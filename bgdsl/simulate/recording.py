@@ -85,7 +85,8 @@ def open_sink(path: Path, columns: Sequence[Column], model: str, digest: str, *,
     """A sink for the file's format. BgError where the format is unknown or the place is taken by somebody else's file."""
     where = said(str(path))
     if path.suffix.lower() not in FORMATS:
-        what = f"`{path.suffix}` is no format for results" if path.suffix else f"`{path}` does not say in what format to write"
+        missing = f"`{path}` is a folder" if path.is_dir() else f"`{path}` does not say in what format to write"
+        what = f"`{path.suffix}` is no format for results" if path.suffix else missing
         report.fail(NO_OUTPUT, what, where, helps=(f"end its name with {', '.join(FORMATS)}",))
     if path.exists() and not force and not is_ours(path):
         report.fail(NO_OUTPUT, f"{path} exists and was not written by a run", where, helps=("`--force` replaces it",))

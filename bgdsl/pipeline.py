@@ -94,9 +94,11 @@ def _front(
 
 
 @uncollected()
-def instantiate(library: Library, model: str | None, overrides: Mapping[str, Value], report: Reporter) -> Model:
-    """Flatten and check one model of a library."""
-    graph = flatten(library, model, report, overrides=overrides)
+def instantiate(
+    library: Library, model: str | None, overrides: Mapping[str, Value], report: Reporter, *, experiment: str | None = None
+) -> Model:
+    """Flatten and check one model of a library, perhaps with the structure that an experiment wants."""
+    graph = flatten(library, model, report, overrides=overrides, experiment=experiment)
     report.stop_if_errors()
     graph = check_units(check_domains(graph, report), report)
     report.stop_if_errors()
@@ -155,10 +157,10 @@ class Model:
         _ = self.program
         return self.warnings
 
-    def changed(self, overrides: Mapping[str, Value]) -> Model:
-        """The same model flattened again with other values for (structural) parameters."""
+    def changed(self, overrides: Mapping[str, Value], experiment: str | None = None) -> Model:
+        """The same model flattened again with other values for (structural) parameters, perhaps those of an experiment."""
         kept = {name: value for name, value in self.overrides.items() if not (name.endswith("]") and name.rpartition("[")[0] in overrides)}
-        return instantiate(self.library, self.name, {**kept, **overrides}, Reporter())
+        return instantiate(self.library, self.name, {**kept, **overrides}, Reporter(), experiment=experiment)
 
     def sizes(self) -> dict[str, int]:
         """How large the model is: bonds, equations, states, loops (blocks that have to be solved)."""
@@ -280,7 +282,8 @@ class System:
             return self
         if say is not None:
             say(f"compiling again for {', '.join(wanted)}")
-        return self.model.changed(wanted).compile()
+        alone = graph.experiments[0].name if len(graph.experiments) == 1 else None
+        return self.model.changed(wanted, experiment or alone).compile()
 
 
 _SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift", "most_steps")
@@ -330,11 +333,29 @@ def check_source(
             if name is not None and not overrides and is_part(library, name):
                 check_units(check_domains(flatten(library, name, own, part=True), own), own)
             else:
-                instantiate(library, name, overrides or {}, own).check()
+                checked = instantiate(library, name, overrides or {}, own)
+                checked.check()
+                _check_structures(checked, own)
         except BgError as error:
             own.diagnostics += error.diagnostics
         report.diagnostics += own.diagnostics
     return _distinct(report)
+
+
+def _check_structures(model: Model, report: Reporter) -> None:
+    """What is wrong with the model in the structures that its experiments give it, and with what they change there."""
+    from bgdsl.simulate.structure import structural_changes
+
+    graph = model.graph
+    if not any(parameter.structural for parameter in graph.parameters):
+        return
+    for experiment in graph.experiments:
+        try:
+            wanted = structural_changes(graph.parameters, graph.experiments, experiment.name, {})
+            if wanted:
+                model.changed(wanted, experiment.name).check()
+        except BgError as error:
+            report.diagnostics += error.diagnostics
 
 
 def _distinct(report: Reporter) -> list[Diagnostic]:

@@ -212,7 +212,8 @@ class Check:
 class Experiment:
     """A named run. `changes` maps scalar parameter names to expressions over parameters; settings left out are None.
 
-    window: the interval over which activity is measured, None for the whole run.
+    window: the interval over which activity is measured, None for the whole run. fits: False where its other changes make sense only
+    in the structure that it gives the model (entries of larger arrays, say): it is run after flattening for it.
     """
 
     name: str
@@ -224,6 +225,7 @@ class Experiment:
     window: tuple[float, float] | None = None
     changes: Mapping[str, Expr] = field(default_factory=dict)
     comment: str = ""
+    fits: bool = True
 
 
 @dataclass(frozen=True, slots=True)

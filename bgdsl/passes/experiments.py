@@ -8,7 +8,7 @@ Reports      BG280 unknown base or circle, BG281 bad setting, BG282 what is chan
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,6 +24,7 @@ from bgdsl.passes.parts import (
     Absent,
     ArrayPart,
     Broken,
+    Build,
     Claim,
     Context,
     ElementPart,
@@ -52,14 +53,16 @@ SETTINGS = ("stopTime", "startTime", "interval", "tolerance", "method", "window"
 class _Run:
     settings: dict[str, tuple[Any, Span]] = field(default_factory=dict)
     changes: dict[str, Expr] = field(default_factory=dict)
+    faults: dict[str, Fault | Reported] = field(default_factory=dict)
 
 
-def make_experiments(root: Instance) -> tuple[Experiment, ...]:
-    """The experiments of the model in the order written; a base need not stand before what builds on it."""
+def make_experiments(root: Instance, running: str | None) -> tuple[Experiment, ...]:
+    """The experiments of the model in the order written; a base need not stand before what builds on it. running: the one for
+    which the model is flattened, with the structure that it wants."""
     made: list[Experiment] = []
     for name, (node, _) in root.cls.experiments.items():
         try:
-            made.append(_make(name, node, root))
+            made.append(_make(name, node, root, running))
         except Fault as fault:
             root.build.fault(fault)
         except Reported:
@@ -67,10 +70,14 @@ def make_experiments(root: Instance) -> tuple[Experiment, ...]:
     return tuple(made)
 
 
-def _make(name: str, node: ast.Experiment, root: Instance) -> Experiment:
+def _make(name: str, node: ast.Experiment, root: Instance, running: str | None) -> Experiment:
     run = _Run()
     for step in reversed(_chain(node, root)):
         _read(step, root.context(root.cls.experiments[step.name][1]), run, root)
+    elsewhere = name != running and _shapes(root.build, run.changes)
+    for fault in () if elsewhere else run.faults.values():
+        if isinstance(fault, Fault):
+            root.build.fault(fault)
     return Experiment(
         name,
         Origin("", node.span),
@@ -81,7 +88,13 @@ def _make(name: str, node: ast.Experiment, root: Instance) -> Experiment:
         _window(run),
         run.changes,
         node.comment or "",
+        not (elsewhere and run.faults),
     )
+
+
+def _shapes(build: Build, changes: Iterable[str]) -> bool:
+    """Whether changes of these parameters give the model another structure."""
+    return any(build.parameter_of(name)[0].structural for name in changes)
 
 
 def _chain(node: ast.Experiment, root: Instance) -> list[ast.Experiment]:
@@ -105,12 +118,12 @@ def _read(node: ast.Experiment, context: Context, run: _Run, root: Instance) -> 
         if name in SETTINGS and name not in root.cls.members:
             run.settings[name] = (_setting(name, entry, context), entry.span)
         else:
+            if entry.value is not None:  # whatever the experiments below say of it
+                run.faults.pop(name, None)
             try:
                 run.changes.update(_changes(root, name, ((entry, context, ()),)))
-            except Fault as fault:
-                context.build.fault(fault)
-            except Reported:
-                pass
+            except (Fault, Reported) as fault:
+                run.faults.setdefault(name, fault)
 
 
 def _setting(name: str, entry: Modification, context: Context) -> Any:

@@ -64,10 +64,17 @@ Override = float | bool | str | tuple[Any, ...]
 
 
 def flatten(
-    library: Library, model: str | None, report: Reporter, *, overrides: Mapping[str, Override] | None = None, part: bool = False
+    library: Library,
+    model: str | None,
+    report: Reporter,
+    *,
+    overrides: Mapping[str, Override] | None = None,
+    experiment: str | None = None,
+    part: bool = False,
 ) -> BondGraph:
     """The flat bond graph of one model; BgError with everything found if it has errors.
 
+    experiment: the one whose structural changes are among the overrides; its other changes have to fit.
     part: check a model that others are made of. Its own ports stay open (bonds to them are left out of the graph, so `verify`
     does not hold) and parameters without a value count as 1.
     """
@@ -77,7 +84,7 @@ def flatten(
     node = choose_model(library, model, report)
     try:
         with uncollected(), _deep():
-            return _flatten(library, node, names, report, dict(overrides or {}), part)
+            return _flatten(library, node, names, report, dict(overrides or {}), experiment, part)
     except RecursionError:
         report.fail(RECURSIVE, "functions or constants call each other too deep", head(node.span), "in this model")
 
@@ -162,7 +169,9 @@ def _classes_used(model: ast.Model) -> Iterator[str]:
 # ------------------------------------------------------------------------------------------------------------ the steps
 
 
-def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, overrides: dict[str, Any], part: bool) -> BondGraph:
+def _flatten(
+    library: Library, node: ast.Model, names: Names, report: Reporter, overrides: dict[str, Any], experiment: str | None, part: bool
+) -> BondGraph:
     cls = names.make(Resolved(node.name, node, names.file_scope(library.main)))
     report.stop_if_errors()
     assert cls is not None
@@ -185,7 +194,7 @@ def _flatten(library: Library, node: ast.Model, names: Names, report: Reporter, 
     junctions = tuple(_junction(part) for part, _ in build.parts if isinstance(part, JunctionPart))
     elements = _elements(build, lines)
     signals = _signals(build, lines)
-    experiments = make_experiments(root)
+    experiments = make_experiments(root, experiment)
     parameters = finish_parameters(build, _ordered(build), head(node.span))
     if part:
         _leave_to_users(build, node.name in _extended(library))

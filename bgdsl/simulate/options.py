@@ -120,9 +120,9 @@ def _experiment(program: Program, name: str | None, settings: Settings, report: 
         if name not in known:
             helps = did_you_mean(name, known) or ((f"it has {listed(known)}",) if known else (f"model `{program.model}` has none",))
             report.fail(NO_EXPERIMENT, f"model `{program.model}` has no experiment `{name}`", said(name), helps=helps)
-        return known[name]
+        return _fitting(known[name], report)
     if len(known) == 1:
-        return next(iter(known.values()))
+        return _fitting(next(iter(known.values())), report)
     if known and settings.stop is None:
         report.fail(
             NO_EXPERIMENT,
@@ -132,6 +132,19 @@ def _experiment(program: Program, name: str | None, settings: Settings, report: 
             helps=("name one (`--experiment`), or give a stop time (`--stop`) to run the model as it is",),
         )
     return None
+
+
+def _fitting(experiment: Experiment, report: Reporter) -> Experiment:
+    """An experiment, unless it is for another structure of the model."""
+    if not experiment.fits:
+        report.fail(
+            STRUCTURAL,
+            f"experiment `{experiment.name}` changes the structure of the model, which has not been compiled for it",
+            experiment.origin.span,
+            "its changes fit another structure",
+            helps=("`bgc simulate` and `simulate()` compile again for it",),
+        )
+    return experiment
 
 
 def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[str, float]) -> Options:

@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 
 from bgdsl import pipeline
-from bgdsl.diagnostics import BgError
+from bgdsl.diagnostics import BgError, Reporter
+from bgdsl.simulate.options import resolve_options
+from bgdsl.source import Source
 
 TEXT = """
 model S
@@ -80,3 +82,63 @@ def test_what_was_set_at_loading_can_be_changed_by_a_run() -> None:
 def test_what_does_not_fit_is_reported(changes: dict[str, Any]) -> None:
     with pytest.raises(BgError, match=r"is an Integer|a vector of 3|has no parameter"):
         resistance("one", {}, changes)
+
+
+SIZED = """
+model G
+  parameter Integer n = 2;  parameter Real g[n] = fill(1, n);
+  J1 v;  Se s(e = 1);  I m(I = 0.001);  R a[n](R = g);
+  output Real total = s.e/v.f;
+  experiment plain(stopTime = 1);
+  experiment array(stopTime = 1, n = 4, g = {1, 2, 3, 4});
+  experiment entry(stopTime = 1, n = 3, g[3] = 5);
+  experiment element(stopTime = 1, n = 3, a[3].R = 7);
+  experiment small extends array(n = 1, g = {9});
+%s
+equation
+  s -> v;  v -> m;
+  for i in 1:n loop v -> a[i]; end for;
+end G;
+"""
+
+
+@pytest.mark.parametrize(
+    ("experiment", "changes", "wanted"),
+    [
+        ("plain", {}, 2.0),
+        ("array", {}, 10.0),
+        ("entry", {}, 7.0),
+        ("element", {}, 9.0),
+        ("small", {}, 9.0),
+        ("plain", {"n": 3, "g": (1, 2, 3)}, 6.0),
+        ("plain", {"n": 3, "g[3]": 3}, 5.0),
+        ("entry", {"g[3]": 2}, 4.0),
+    ],
+)
+def test_an_experiment_changes_sizes_and_what_has_them(experiment: str, changes: dict[str, Any], wanted: float) -> None:
+    run = pipeline.loads(SIZED % "").compile().simulate(experiment, changes)
+    assert float(run["total"][-1]) == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("n = 3, a[4].R = 2", "there is no such element of `a`"),
+        ("n = 3, g = {1, 2}", "`g` is a vector of 3, its new value a vector of 2"),
+        ("n = 2, g = {1, 2, 3}", "`g` is a vector of 2, its new value a vector of 3"),
+        ("n = 3, h = 2", "`G` has no `h`"),
+        ("a[3].R = 2", "there is no such element of `a`"),
+    ],
+)
+def test_what_does_not_fit_its_own_structure_is_found_by_checking_and_by_running(wrong: str, said: str) -> None:
+    text = SIZED % f"  experiment wrong(stopTime = 1, {wrong});"
+    assert [d.message for d in pipeline.check_source(Source("g.bg", text))] == [said]
+    with pytest.raises(BgError, match=said):
+        pipeline.loads(text).compile().simulate("wrong")
+
+
+def test_no_run_without_the_structure() -> None:
+    """The program as it stands, and an experiment that changes sizes along with what has them."""
+    program = pipeline.loads(SIZED % "").program
+    with pytest.raises(BgError, match="BG614"):
+        resolve_options(program, "array", {}, report=Reporter())

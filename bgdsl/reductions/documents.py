@@ -10,14 +10,18 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from bgdsl.diagnostics import Reporter
+from bgdsl.reductions.acts import Given
+from bgdsl.reductions.declared import Declared, Tell, spliced
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError, walk
-from bgdsl.reductions.specialise import Variant, Variants, class_edits, spliced
+from bgdsl.reductions.specialise import Variant, Variants
 from bgdsl.reductions.statements import _with_line
-from bgdsl.source import Edit, Span, apply_edits
+from bgdsl.source import Edit, Source, Span, apply_edits
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
 
 SHIPPED = Path(__file__).parent.parent / "library"
+ONE_WAY = SHIPPED / "bonds" / "one_way.bg"
 
 Target = tuple[str, str]
 """(module key, name) of a definition."""
@@ -31,13 +35,17 @@ def shipped_path(module: Module) -> tuple[str, ...] | None:
     return path.resolve().relative_to(SHIPPED.resolve()).with_suffix("").parts
 
 
-def document(texts: SourceMap, variants: Variants, annotation: str, folder: Path | None, more: Iterable[Edit] = ()) -> str:
-    """The text of the reduced file. annotation: put at the head of the model; folder: where the file goes (None: stays beside)."""
-    return _Document(texts, variants, folder).text(annotation, tuple(more))
+def document(
+    texts: SourceMap, variants: Variants, given: Given, tell: Tell, annotation: str, folder: Path | None, more: Iterable[Edit] = ()
+) -> str:
+    """The text of the reduced file. given, tell: what acts in its matrices and how that is told; annotation: put at the head of the
+    model; folder: where the file goes (None: stays beside)."""
+    return _Document(texts, variants, given, tell, folder).text(annotation, tuple(more))
 
 
 class _Document:
-    def __init__(self, texts: SourceMap, variants: Variants, folder: Path | None):
+    def __init__(self, texts: SourceMap, variants: Variants, given: Given, tell: Tell, folder: Path | None):
+        self.given, self.tell = given, tell
         self.texts = texts
         self.library: Library = texts.library
         self.variants = variants
@@ -57,6 +65,16 @@ class _Document:
         text = apply_edits(self.main.source, edits).rstrip("\n") + "\n"
         for module, definition in inlined:
             text += f"\n{self.definition(module, definition)}\n"
+        return self.laid_out(text)
+
+    def laid_out(self, text: str) -> str:
+        """In the canonical layout, if that is what the author's files are in; else untouched lines stay as they are."""
+        from bgdsl.syntax.formatter import format_source
+
+        report = Reporter()
+        modules = [m for m in self.library.modules.values() if shipped_path(m) is None]
+        if all(format_source(module.source, report) == module.source.text for module in modules):
+            return format_source(Source("reduced.bg", text), report)
         return text
 
     # -------------------------------------------------------------------------------------------------- what is needed
@@ -64,12 +82,13 @@ class _Document:
     def closure(self) -> tuple[list[tuple[Module, ast.Definition]], list[Target]]:
         """Definitions to copy in, in the order of their files, and shipped ones to import."""
         wanted: set[Target] = set()
+        copied: set[Target] = set()
         imported: set[Target] = set()
         stack = [target for item in self.main.tree.items for target in self.needs(self.main, item)]
         for variant in self.variants:
             if variant.renamed and variant.unit.module is not self.main:
                 # the copy stands where its class would, and needs what that needs
-                wanted.add((variant.unit.module.key, variant.unit.model.name))
+                copied.add((variant.unit.module.key, variant.unit.model.name))
                 stack += self.needs(variant.unit.module, variant.unit.model)
         while stack:
             target = stack.pop()
@@ -83,7 +102,7 @@ class _Document:
                 wanted.add(target)
                 stack += self.needs(module, definition)
         order = {key: k for k, key in enumerate(self.library.modules)}
-        inlined = sorted(wanted, key=lambda t: (order[t[0]], self.library.modules[t[0]].definitions[t[1]].span.start))
+        inlined = sorted(wanted | copied, key=lambda t: (order[t[0]], self.library.modules[t[0]].definitions[t[1]].span.start))
         self.check_names(inlined)
         definitions = [(self.library.modules[key], self.library.modules[key].definitions[name]) for key, name in inlined]
         return definitions, sorted(imported, key=lambda t: (order[t[0]], t[1]))
@@ -129,7 +148,7 @@ class _Document:
             if variant.unit.module is not module:
                 continue
             if not variant.renamed:
-                edits += class_edits(variant)
+                edits += self.class_edits(variant)
             else:
                 end = variant.unit.model.span.end
                 edits.append(Edit(Span(module.source, end, end), f"\n\n{self.class_text(variant)}"))
@@ -138,11 +157,14 @@ class _Document:
                 edits += self.table_edits(module, item)
         return edits
 
+    def class_edits(self, variant: Variant) -> list[Edit]:
+        return Declared(variant, self.given, self.tell).edits()
+
     def class_text(self, variant: Variant) -> str:
         if variant.unit.outer:
             raise UnwritableError((), f"`{variant.unit.model.name}` is defined inside another class and would have to be copied")
         model = variant.unit.model
-        return spliced(model.span, [*class_edits(variant), *self.table_edits(variant.unit.module, model)])
+        return spliced(model.span, [*self.class_edits(variant), *self.table_edits(variant.unit.module, model)])
 
     def definition(self, module: Module, definition: ast.Definition) -> str:
         """A definition of another file: its variants if it is a class that instances use, else its text."""
@@ -179,28 +201,45 @@ class _Document:
         return edits
 
     def import_edits(self, imported: list[Target]) -> list[Edit]:
-        """Imports of what is copied in go; what the copies need of the shipped library comes."""
+        """Imports of what is copied in go; what the copies need of the shipped library comes, beside what is imported from there."""
         items = [item for item in self.main.tree.items if isinstance(item, ast.Import)]
         kept = {id(item): [(name, local) for name, local in item.names if self.stays(local)] for item in items}
         present = {(item.path, name) for item in items for name, _ in kept[id(item)]}
-        new: list[str] = []
+        new: dict[tuple[str, ...], list[str]] = {}
+        for path, name in [*self.shipped(imported), *self.parts()]:
+            if (path, name) not in present and not any(name == target.name for target in self.main.qualified.values()):
+                new.setdefault(path, []).append(name)
+        edits: list[Edit] = []
+        for item in items:
+            more = [] if any(name != local for name, local in kept[id(item)]) else new.pop(item.path, [])
+            names = [*kept[id(item)], *((name, name) for name in more)]
+            lines = [self.import_text(item.path, names)] if names else []
+            if item is items[-1]:
+                lines += [self.import_text(path, [(name, name) for name in some]) for path, some in new.items()]
+            if len(lines) == 1 and names == list(item.names):
+                continue
+            edits.append(Edit(item.span, "\n".join(lines)) if lines else Edit(_with_line(item.span), ""))
+        if new and not items:
+            at = self.main.tree.items[0].span.start
+            lines = [self.import_text(path, [(name, name) for name in some]) for path, some in new.items()]
+            edits.append(Edit(Span(self.main.source, at, at), "\n".join(lines) + "\n\n"))
+        return edits
+
+    def shipped(self, imported: list[Target]) -> Iterator[tuple[tuple[str, ...], str]]:
         for key, name in imported:
             path = shipped_path(self.library.modules[key])
             assert path is not None
-            if (path, name) not in present and not any(name == target.name for target in self.main.qualified.values()):
-                new.append(self.import_text(path, [(name, name)]))
-        edits: list[Edit] = []
-        for item in items:
-            lines = [self.import_text(item.path, kept[id(item)])] if kept[id(item)] else []
-            if item is items[-1]:
-                lines, new = [*lines, *new], []
-            if len(lines) == 1 and len(kept[id(item)]) == len(item.names):
-                continue
-            edits.append(Edit(item.span, "\n".join(lines)) if lines else Edit(_with_line(item.span), ""))
-        if new:
-            at = self.main.tree.items[0].span.start
-            edits.append(Edit(Span(self.main.source, at, at), "".join(f"{line}\n" for line in new)))
-        return edits
+            yield path, name
+
+    def parts(self) -> Iterator[tuple[tuple[str, ...], str]]:
+        """The classes that stand for what is left of two-ports and bonds."""
+        names = {name for v in self.variants for name in v.retyped.values()}
+        names |= {part.kind for v in self.variants for part in v.inserted.values()}
+        own = {definition for module in self.library.modules.values() for definition in module.definitions if module.source.path != ONE_WAY}
+        for name in sorted(names):
+            if name in own:
+                raise UnwritableError((), f"the model has a `{name}` of its own")
+            yield ("bonds", "one_way"), name
 
     def stays(self, local: str) -> bool:
         target = self.main.imports.get(local)
@@ -226,4 +265,4 @@ class _Document:
         return Edit(Span(source, start, start), f"  {annotation}\n")
 
 
-__all__ = ["ClassText", "document", "shipped_path", "spliced"]
+__all__ = ["ClassText", "document", "shipped_path"]

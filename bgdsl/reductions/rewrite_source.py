@@ -9,8 +9,8 @@ Reports      nothing: a term whose change cannot be written stays, with the reas
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Callable, Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,16 +20,20 @@ from bgdsl.diagnostics import BgError
 from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
+from bgdsl.reductions.acts import give
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
 from bgdsl.reductions.cuts import PortBonds, Writer, write_cuts, write_removal
+from bgdsl.reductions.declared import Tell
+from bgdsl.reductions.defaults import settle_defaults
 from bgdsl.reductions.determined import gone_elements
 from bgdsl.reductions.documents import document
+from bgdsl.reductions.one_way import write_parts
 from bgdsl.reductions.part import everything
 from bgdsl.reductions.plan import Plan, plan
-from bgdsl.reductions.source_map import SourceMap, UnwritableError, refuse
-from bgdsl.reductions.specialise import specialise, term_mark
+from bgdsl.reductions.source_map import SourceMap, UnwritableError, indexed, refuse
+from bgdsl.reductions.specialise import Describe, specialise, term_mark
 from bgdsl.reductions.structured_text import structured_text
-from bgdsl.reductions.two_ports import write_split
+from bgdsl.reductions.two_ports import in_sources, write_split
 from bgdsl.source import Edit
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
@@ -186,29 +190,32 @@ def _written(
     taken_back: Mapping[int, str],
 ) -> Rewrite:
     texts = SourceMap(library, scalar.graph)
-    writer = Writer(texts)
+    writer = Writer(texts, scalar)
     comments = {term.index: term_mark(term.index) for term in scalar.terms}
     bonds = port_bonds(scalar)
     read = owners(read_names(scalar.graph))
     kinds = {term.index: scalar.junctions[term.junction].kind for term in scalar.terms}
-    terms: dict[str, list[int]] = defaultdict(list)
+    parts = [split for split in task.splits if not in_sources(writer, split, bonds)]
+    write_parts(writer, parts, kinds, read)
     for split in task.splits:
-        write_split(writer, split, bonds, kinds, comments, read)
-        terms[split.element.origin.path] += [t for e in split.entries for t in e.terms]
-    write_cuts(writer, task.cuts, comments)
-    for cut in task.cuts:
-        for origin in (cut.bond.origins[0], cut.bond.origins[-1]):
-            terms[origin.path] += [t for pair in cut.terms.values() for t in pair]
+        if split not in parts:
+            write_split(writer, split, bonds, kinds, comments, read)
+    write_cuts(writer, task.cuts, scalar, comments)
+    gone = {removal.element.name for removal in task.removals if removal.gone}
     for removal in task.removals:
-        write_removal(writer, removal, bonds, comments)
-        terms[removal.element.origin.path] += removal.terms
+        path, _, last = removal.element.name.rpartition(".")
+        whole = all(element.name in gone for element in writer.elements[path, indexed(last)[0]])
+        write_removal(writer, removal, bonds, comments, whole)
     for name in task.junctions:
         writer.remove_junction(name)
-    variants = specialise(texts, writer.edits, terms, describing(report))
-    text = document(texts, variants, provenance.annotation(), folder, more)
+    odd = settle_defaults(writer)
+    variants = specialise(texts, writer.edits, describing(report))
+    given = give(texts, writer.edits, variants, odd)
+    text = document(texts, variants, given, telling(report, writer.told), provenance.annotation(), folder, more)
     specialised = {v.name: v.unit.model.name for v in variants if v.renamed}
     forward: dict[str, str | None] = {removal.element.name: None for removal in task.removals if removal.gone}
     forward |= dict.fromkeys(task.junctions)
+    forward |= {split.element.name: f"{split.element.name}.both" for split in parts}
     return Rewrite(text, _changes(scalar, task, term_comments(scalar, report)), forward, specialised, dict(taken_back))
 
 
@@ -233,20 +240,59 @@ def term_comments(scalar: ScalarGraph, report: ActivityReport) -> dict[int, str]
     return comments
 
 
-def describing(report: ActivityReport) -> Callable[[list[tuple[str, int]]], str]:
-    """How the comment on a term is made that several instances of a class may share: names within the class, the range of rho."""
+def describing(report: ActivityReport) -> Describe:
+    """How the comment on a term is made that several instances of a class, or turns of a loop, may share: names within the class, the
+    range of rho."""
     found = {term.index: (junction, term) for junction in report.junctions for term in junction.terms}
 
-    def describe(instances: list[tuple[str, int]]) -> str:
-        path, first = instances[0]
+    def describe(instances: list[tuple[str, tuple[int, ...]]]) -> str:
+        path, (first, *others) = instances[0]
         junction, term = found[first]
-        rhos = [found[t][1].rho for _, t in instances]
-        low, high = percent(min(rhos)), percent(max(rhos))
+        share = shares([found[t][1].rho for _, terms in instances for t in terms])
         where, name = (text.removeprefix(f"{path}.") if path else text for text in (junction.name, term.name))
-        shown = low if low == high else f"{low} to {high}" if min(rhos) >= LEAST_TOLD else f"up to {high}"
-        return f"dropped at {where}: {'effort' if junction.kind == 1 else 'flow'} of {name}, {told(shown)}"
+        for t in others:
+            where, name = unlike(where, found[t][0].name), unlike(name, found[t][1].name)
+        return f"dropped at {where}: {'effort' if junction.kind == 1 else 'flow'} of {name}, {told(share)}"
 
     return describe
+
+
+def unlike(name: str, other: str) -> str:
+    """A name with `i` for the subscripts in which another one differs."""
+    mine, theirs = re.split(r"(\d+)", name), re.split(r"(\d+)", other)
+    return "".join(a if a == b else "i" for a, b in zip(mine, theirs, strict=False)) if len(mine) == len(theirs) else name
+
+
+def shares(rhos: Sequence[float]) -> str:
+    """One share, or the range of several."""
+    low, high = percent(min(rhos)), percent(max(rhos))
+    return low if low == high else f"{low} to {high}" if min(rhos) >= LEAST_TOLD else f"up to {high}"
+
+
+TOLD_WIDTH = 130
+
+
+def telling(report: ActivityReport, fell: Mapping[str, Sequence[tuple[str, str, int]]]) -> Tell:
+    """How the lines are made about what fell in a matrix or bond, in all of its instances that are told of together."""
+    rho = {term.index: term.rho for junction in report.junctions for term in junction.terms}
+
+    def tell(name: str, elements: Sequence[str]) -> list[str]:
+        found: dict[str, dict[str, list[float]]] = {}
+        for element in elements:
+            for what, entry, term in fell.get(element, ()):
+                found.setdefault(what, {}).setdefault(entry, []).append(rho[term])
+        pieces: list[str] = []
+        for what, entries in found.items():
+            by_share: dict[str, list[str]] = {}
+            for entry, rhos in sorted(entries.items()):
+                by_share.setdefault(shares(rhos), []).append(entry)
+            groups = [f"{' '.join(places)} ({told(share)})" for share, places in by_share.items()]
+            pieces += [f"{what} {groups[0]}", *groups[1:]]
+        unbroken = [piece.replace(" ", "\N{NO-BREAK SPACE}") for piece in pieces]
+        lines = textwrap.wrap(f"dropped in {name}: {', '.join(unbroken)}", TOLD_WIDTH, subsequent_indent="  ") if pieces else []
+        return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+
+    return tell
 
 
 LEAST_TOLD = 1e-5

@@ -5,7 +5,7 @@ Nothing is decided here; a reduction asks, and edits what it is shown.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import NoReturn
 
@@ -50,6 +50,21 @@ class ClassText:
 
 
 @dataclass(frozen=True, slots=True)
+class Site:
+    """Where the class of an instance (or the kind of an element) is named: in the text `unit` of the instance `owner`, by a
+    declarator or a redeclaration. index: among the elements that this declares, () if there is one.
+
+    afar: the redeclaration is a modification of the part `owner` has, not of its own component: it cannot be split by index.
+    """
+
+    owner: str
+    unit: ClassText
+    node: ast.Declarator | ast.Redeclaration
+    index: tuple[int, ...]
+    afar: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Place:
     """A bond statement and the `for` loops around it, outermost first."""
 
@@ -66,7 +81,10 @@ class SourceMap:
         self.classes = {cls.key: cls for module in library.modules.values() for cls in _classes(module)}
         self.instances = {instance.path: instance for instance in graph.instances}
         self._places: dict[tuple[int, int], dict[tuple[int, int], Place]] = {}
+        self._statements: dict[tuple[int, int], tuple[Place, ...]] = {}
         self._units: dict[tuple[int, int], tuple[ClassText, ...]] = {}
+        self._members: dict[tuple[int, int], dict[str, tuple[ast.Declaration, ast.Declarator]]] = {}
+        self._redeclares = any(isinstance(node, ast.Redeclaration) for cls in self.classes.values() for node in walk(cls.model))
 
     def class_of(self, path: str) -> ClassText:
         """The class of the instance at a path ("" is the model itself)."""
@@ -138,11 +156,18 @@ class SourceMap:
         holding = [unit for unit in self.units(self.class_of(origin.path)) if unit.holds(origin.span)]
         return max(holding, key=lambda unit: unit.model.span.start, default=None)
 
+    def statements(self, unit: ClassText) -> tuple[Place, ...]:
+        """The bond statements of a class's own text."""
+        found = self._statements.get(unit.key)
+        if found is None:
+            found = self._statements[unit.key] = tuple(bond_statements(unit.model))
+        return found
+
     def place(self, unit: ClassText, span: Span) -> Place | None:
         """The bond statement at (or around) a span."""
         places = self._places.get(unit.key)
         if places is None:
-            places = {(p.statement.span.start, p.statement.span.end): p for p in bond_statements(unit.model)}
+            places = {(p.statement.span.start, p.statement.span.end): p for p in self.statements(unit)}
             self._places[unit.key] = places
         exact = places.get((span.start, span.end))
         return exact or next((p for (start, end), p in places.items() if start <= span.start and span.end <= end), None)
@@ -150,12 +175,81 @@ class SourceMap:
     def member(self, path: str, name: str) -> tuple[ClassText, ast.Declaration, ast.Declarator] | None:
         """The declaration of a component of an instance, in its own or an inherited text."""
         for unit in self.units(self.class_of(path)):
-            for item in unit.model.items:
-                if isinstance(item, ast.Declaration):
-                    for declarator in item.declarators:
-                        if declarator.name == name:
-                            return unit, item, declarator
+            found = self._declared(unit).get(name)
+            if found is not None:
+                return unit, *found
         return None
+
+    def _declared(self, unit: ClassText) -> dict[str, tuple[ast.Declaration, ast.Declarator]]:
+        declared = self._members.get(unit.key)
+        if declared is None:
+            items = [item for item in unit.model.items if isinstance(item, ast.Declaration)]
+            declared = self._members[unit.key] = {d.name: (item, d) for item in items for d in item.declarators}
+        return declared
+
+    def site(self, path: str) -> Site:
+        """Where the class of a component (an instance or an element) is named: outside in, as modifications win."""
+        parent, _, last = path.rpartition(".")
+        name, index = indexed(last)
+        if self._redeclares:
+            steps = path.split(".")
+            for k in range(len(steps)):
+                found = self._redeclared(".".join(steps[:k]), [indexed(step)[0] for step in steps[k:]], index)
+                if found is not None:
+                    return found
+        member = self.member(parent, name)
+        assert member is not None, path
+        return Site(parent, member[0], member[2], index)
+
+    def _redeclared(self, owner: str, steps: list[str], index: tuple[int, ...]) -> Site | None:
+        """A redeclaration, in the text of the instance `owner`, of what the steps lead to."""
+        for unit in self.units(self.class_of(owner)):
+            for item in unit.model.items:
+                match item:
+                    case ast.Redeclaration(name=name) if steps == [name] and covers(item, index):
+                        return Site(owner, unit, item, index)
+                    case ast.Extends():
+                        found = _in_arguments(item.arguments, steps, index)
+                        if found is not None:
+                            return Site(owner, unit, found, index, afar=len(steps) > 1)
+                    case ast.Declaration() if len(steps) > 1:
+                        for declarator in item.declarators:
+                            found = _in_arguments(declarator.arguments, steps[1:], index) if declarator.name == steps[0] else None
+                            if found is not None:
+                                return Site(owner, unit, found, index, afar=True)
+        return None
+
+
+def indexed(step: str) -> tuple[str, tuple[int, ...]]:
+    """Name and subscripts of a step of a path: `cyl[2]`."""
+    name, _, subscripts = step.partition("[")
+    return name, tuple(int(i) for i in subscripts.rstrip("]").split(",")) if subscripts else ()
+
+
+def covers(redeclaration: ast.Redeclaration, index: tuple[int, ...]) -> bool:
+    """Is the element among those redeclared? What is not written in numbers is taken to cover it."""
+    return all(_covers(subscript, i) for subscript, i in zip(redeclaration.subscripts, index, strict=False))
+
+
+def _covers(subscript: ast.Expression, i: int) -> bool:
+    match subscript:
+        case ast.Number(value=value):
+            return int(float(value)) == i
+        case ast.Range(start=ast.Number(value=first), step=None, stop=ast.Number(value=last)):
+            return int(float(first)) <= i <= int(float(last))
+        case ast.Array():
+            return any(_covers(item, i) for item in subscript.items)
+    return True
+
+
+def _in_arguments(arguments: Sequence[ast.Argument], steps: Sequence[str], index: tuple[int, ...]) -> ast.Redeclaration | None:
+    for step in steps[:-1]:
+        found = next((a for a in arguments if isinstance(a, ast.Modifier) and a.name.text == step), None)
+        if found is None:
+            return None
+        arguments = found.nested
+    last = steps[-1]
+    return next((a for a in arguments if isinstance(a, ast.Redeclaration) and a.name == last and covers(a, index)), None)
 
 
 def _classes(module: Module) -> Iterator[ClassText]:

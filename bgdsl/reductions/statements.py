@@ -1,14 +1,15 @@
 """Bond statements rewritten link by link, and declarations added and removed, in the text of one class as one instance needs it.
 
-A statement whose links change is written anew, as one statement a piece; every other byte of the class stays. Statements in
-a `for` loop whose turns change differently leave the loop and are written out turn by turn.
+A statement whose links change is written anew, as one statement a piece; every other byte of the class stays. In a `for` loop an
+edit belongs to all turns (it is written with the iterators, and the statement stays in the loop) or to one of them: then the
+statement leaves the loop and is written out turn by turn.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bgdsl.reductions.source_map import ClassText, Place, written
 from bgdsl.source import Edit, Source, Span
@@ -20,20 +21,38 @@ Link = tuple[int, int]
 
 @dataclass(slots=True)
 class LinkEdit:
-    """What becomes of one link. `pieces` replace it (None: it stays as it is). `tail`, `head`: junctions put before a matrix port,
-    which are now the ends of the bond, and their kinds; `extra` follows."""
+    """What becomes of one link. `pieces` replace it (None: it stays as it is). `tail`, `head`: ports of a part, which are now the
+    ends of the bond; `extra` follows."""
 
     pieces: list[str] | None = None
     extra: list[str] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
     tail: str | None = None
     head: str | None = None
-    tail_kind: int = 0
-    head_kind: int = 0
 
 
 Turn = tuple[int, ...]
 """The values of the iterators around a statement."""
+
+ALL: Turn = (-1,)
+"""All turns of a loop: the texts of such an edit name the iterators."""
+
+Index = tuple[int, ...]
+"""Subscripts of an element of an array, from 1; () of what is no array."""
+
+Acts = int | tuple[int, ...] | tuple[tuple[int, ...], ...]
+"""What is left of a scalar two-port, a bond (by component) or a matrix (by row): 2 both ways, 1 forth, -1 back, 0 nothing."""
+
+Node = int | str
+"""A declarator or a redeclaration (by id), or the name of a part of a bond that was put in."""
+
+
+@dataclass(frozen=True, slots=True)
+class NewPart:
+    """A part of a bond put into the class: its class and its dimensions."""
+
+    kind: str
+    dims: tuple[int, ...]
 
 
 class ClassEdits:
@@ -48,10 +67,13 @@ class ClassEdits:
         self.added: dict[int, list[str]] = {}
         self.new: list[str] = []
         self.others: list[Edit] = []
+        self.retyped: dict[int, str] = {}
+        self.inserted: dict[str, NewPart] = {}
+        self.acts: dict[tuple[Node, str], dict[Index, Acts]] = {}
 
     def fresh(self, wanted: str) -> str:
         """A name like the one wanted that nothing in the class has; it is taken from now on."""
-        base = re.sub(r"\W+", "_", wanted).strip("_")
+        base = re.sub(r"[\W_]+", "_", wanted).strip("_")
         name, k = base, 2
         while name in self.taken:
             name, k = f"{base}_{k}", k + 1
@@ -62,6 +84,11 @@ class ClassEdits:
         """The edit of one link, made if there was none."""
         by_turn = self.links.setdefault(id(place.statement), (place, {}))[1]
         return by_turn.setdefault(turn, {}).setdefault(link, LinkEdit())
+
+    def found(self, place: Place, turn: Turn, link: Link) -> LinkEdit | None:
+        """The edit of one link, if there is one."""
+        _, by_turn = self.links.get(id(place.statement), (place, {}))
+        return by_turn.get(turn, {}).get(link)
 
     def declare(self, text: str, after: ast.Declaration | None = None) -> None:
         """Add a declaration: after another one, or at the end of all."""
@@ -77,9 +104,13 @@ class ClassEdits:
         """Put a text where a span of the class stands."""
         self.others.append(Edit(span, text))
 
-    @property
-    def empty(self) -> bool:
-        return not (self.links or self.removed or self.added or self.new or self.others)
+    def retype(self, node: ast.Declarator | ast.Redeclaration, kind: str) -> None:
+        """Let a matrix be a part of one (`PartMTF`), whose `acts` are given."""
+        self.retyped[id(node)] = kind
+
+    def insert(self, name: str, kind: str, dims: tuple[int, ...]) -> None:
+        """Declare a part of a bond (`Bond10`), or an array of them, whose `acts` are given."""
+        self.inserted[name] = NewPart(kind, dims)
 
     # ----------------------------------------------------------------------------------------------------------- result
 
@@ -101,14 +132,14 @@ class ClassEdits:
         source = model.span.source
         at = model.sections[0].span.start if model.sections else source.text.rfind("end", 0, model.span.end)
         line = source.text.rfind("\n", 0, at) + 1
-        indent = _indent(source, model.items[-1].span.start if model.items else at) if model.items else "  "
+        indent = indent_at(source, model.items[-1].span.start if model.items else at) if model.items else "  "
         return Edit(Span(source, line, line), "".join(f"{indent}{text}\n" for text in self.new))
 
     def _declaration(self, item: ast.Declaration) -> list[Edit]:
         gone = [d for d in item.declarators if id(d) in self.removed]
         new = self.added.get(id(item), [])
         source, span = item.span.source, item.span
-        separator = "\n" + _indent(source, span.start)
+        separator = "\n" + indent_at(source, span.start)
         if len(gone) == len(item.declarators):
             if new:
                 return [Edit(span, separator.join(new))]
@@ -120,20 +151,66 @@ class ClassEdits:
 
     def _statement(self, place: Place, turns: Mapping[Turn, Mapping[Link, LinkEdit]]) -> list[Edit]:
         statement = place.statement
-        if not place.loops:
+        if set(turns) <= {(), ALL}:
             (edits,) = turns.values()
-            return [_replacement(statement.span, rendered(statement, edits, {}))]
+            return _in_place(place, rendered(statement, edits, {}))
         names = [iterator.name for loop in place.loops for iterator in loop.iterators]
         lines: list[str] = []
         for turn in self.turns[id(statement)]:
-            lines += rendered(statement, turns.get(turn, {}), dict(zip(names, turn, strict=True)))
+            env = dict(zip(names, turn, strict=True))
+            lines += rendered(statement, merged(turns.get(ALL, {}), turns.get(turn, {}), env), env)
         outer = place.loops[0]
         alone = len(place.loops) == 1 and len(outer.body) == 1
         if alone:
             return [_replacement(outer.span, lines)]
         end = Span(outer.span.source, outer.span.end, outer.span.end)
-        indent = _indent(outer.span.source, outer.span.start)
+        indent = indent_at(outer.span.source, outer.span.start)
         return [Edit(_with_line(statement.span), ""), Edit(end, "".join(f"\n{indent}{line}" for line in lines))]
+
+
+def _in_place(place: Place, lines: Sequence[str]) -> list[Edit]:
+    """Lines for a statement where it stands; with the last statement of a loop its loop goes."""
+    span = place.statement.span
+    if lines:
+        return [_replacement(span, lines)]
+    for loop in reversed(place.loops):
+        if len(loop.body) > 1:
+            break
+        span = loop.span
+    return [Edit(_with_line(span), "")]
+
+
+def merged(every: Mapping[Link, LinkEdit], own: Mapping[Link, LinkEdit], env: Mapping[str, int]) -> dict[Link, LinkEdit]:
+    """The edits of one turn: its own, and those of all turns with the iterators' values."""
+    result = {link: _at(edit, env) for link, edit in every.items()}
+    for link, edit in own.items():
+        before = result.get(link)
+        if before is None or edit.pieces is not None:
+            result[link] = edit
+        else:
+            before.extra += edit.extra
+            before.comments += edit.comments
+    return result
+
+
+def _at(edit: LinkEdit, env: Mapping[str, int]) -> LinkEdit:
+    def valued(text: str | None) -> str | None:
+        return None if text is None else at_values(text, env)
+
+    pieces = None if edit.pieces is None else [at_values(piece, env) for piece in edit.pieces]
+    extra = [at_values(piece, env) for piece in edit.extra]
+    return replace(edit, pieces=pieces, extra=extra, tail=valued(edit.tail), head=valued(edit.head))
+
+
+def at_values(text: str, env: Mapping[str, int]) -> str:
+    """A text with the values of iterators in the place of their names."""
+    if not env:
+        return text
+    return re.sub(r"(?<![\w.])(?:" + "|".join(env) + r")(?!\w)", lambda match: str(env[match[0]]), text)
+
+
+WIDE = 120
+"""Statements that take the place of one stand on one line up to this width."""
 
 
 def rendered(statement: ast.BondChain, edits: Mapping[Link, LinkEdit], env: Mapping[str, int]) -> list[str]:
@@ -141,11 +218,14 @@ def rendered(statement: ast.BondChain, edits: Mapping[Link, LinkEdit], env: Mapp
     lines: list[str] = []
     label = f"{statement.name}: " if statement.name else ""
 
-    def flush(text: str, arrows: int) -> None:
+    def put(text: str, named: bool = True) -> None:
         nonlocal label
-        if arrows:
-            lines.append(f"{label}{text};")
-            label = ""
+        line = f"{label if named else ''}{text};"
+        label = "" if named else label
+        if lines and not lines[-1].startswith("//") and len(lines[-1]) + len(line) < WIDE:
+            lines[-1] += f"  {line}"
+        else:
+            lines.append(line)
 
     chain, arrows = written(statement.ends[0][0], env), 0
     for k, arrow in enumerate(statement.arrows):
@@ -156,23 +236,26 @@ def rendered(statement: ast.BondChain, edits: Mapping[Link, LinkEdit], env: Mapp
         if fan:
             chain, arrows = f"{chain} {arrow.text} {', '.join(fan)}", arrows + 1
         else:
-            flush(chain, arrows)
+            if arrows:
+                put(chain)
             chain, arrows = texts[-1], 0
         for text, edit in zip(texts, found, strict=True):
             if edit is not None:
                 lines += [f"// {comment}" for comment in edit.comments]
                 kept = edit.pieces if edit.pieces is not None else [f"{edit.tail or tail} {arrow.text} {edit.head or text}"]
-                lines += [f"{label if i == 0 else ''}{piece};" for i, piece in enumerate(kept)]
-                label = "" if kept else label
-                lines += [f"{piece};" for piece in edit.extra]
-    flush(chain, arrows)
+                for piece in kept:
+                    put(piece)
+                for piece in edit.extra:
+                    put(piece, named=False)
+    if arrows:
+        put(chain)
     return lines
 
 
 def _replacement(span: Span, lines: Sequence[str]) -> Edit:
     """Lines in the place of a span: on lines of their own unless the span stands alone on its line."""
     source, text = span.source, span.source.text
-    indent = _indent(source, span.start)
+    indent = indent_at(source, span.start)
     line_start = text.rfind("\n", 0, span.start) + 1
     line_end = text.find("\n", span.end)
     rest = text[span.end : line_end if line_end >= 0 else len(text)]
@@ -228,7 +311,7 @@ def _with_line(span: Span) -> Span:
     return Span(span.source, span.start, after)
 
 
-def _indent(source: Source, offset: int) -> str:
+def indent_at(source: Source, offset: int) -> str:
     start = source.text.rfind("\n", 0, offset) + 1
     line = source.text[start:offset]
     return line[: len(line) - len(line.lstrip())]

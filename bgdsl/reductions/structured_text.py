@@ -24,7 +24,7 @@ from bgdsl.reductions.part import Part
 from bgdsl.reductions.places import INPUT, JUNCTION, PARAMETER, SIGNAL, Contents, Piece, Value, flat_name, without_indices
 from bgdsl.reductions.source_map import UnwritableError
 
-Describe = Callable[[list[tuple[str, int]]], str]
+Describe = Callable[[list[tuple[str, tuple[int, ...]]]], str]
 """The comment on a dropped term, from (instance, term) of each instance that it is about."""
 
 LINE = 120
@@ -240,7 +240,7 @@ class _Writer:
         rows: dict[str, list[tuple[int, str, int]]] = {}
         for path in kind.members:
             for position, term in self.contents.bodies[path].notes:
-                text = self.describe([(path, term)]).rpartition(", rho")[0]
+                text = self.describe([(path, (term,))]).rpartition(", rho")[0]
                 rows.setdefault(text, []).append((position, path, term))
         groups: dict[str, list[str]] = defaultdict(list)
         for text in rows:
@@ -250,7 +250,7 @@ class _Writer:
             rule = alike(texts, range(1, len(texts) + 1)) if len(texts) > 1 else None
             for some in [texts] if rule else [[text] for text in texts]:
                 members = [row for text in some for row in rows[text]]
-                told = self.describe([(path, term) for _, path, term in members])
+                told = self.describe([(path, (term,)) for _, path, term in members])
                 what, _, name = (rule[1] if rule else some[0]).partition(" of ")
                 said[what, told.rpartition(", rho")[2]].append((min(position for position, _, _ in members), name))
         found: dict[int, list[str]] = defaultdict(list)

@@ -26,7 +26,7 @@ def tree(path: Path) -> ast.File:
 
 
 def test_there_is_a_library():
-    assert {path.parent.name for path in FILES} == {"mechanics", "electrical", "hydraulic", "thermal"}
+    assert {path.parent.name for path in FILES} == {"bonds", "mechanics", "electrical", "hydraulic", "thermal"}
 
 
 @EACH_FILE

@@ -55,13 +55,14 @@ def test_kept_and_flat_say_the_same(two: tuple[pipeline.Model, ActivityReport], 
     assert {moved[state]: value for state, value in found.items()} == pytest.approx(wanted, rel=1e-9, abs=1e-9)
 
 
-def test_a_modulus_given_from_outside_is_shared_out_there(two: tuple[pipeline.Model, ActivityReport]) -> None:
+def test_a_modulus_given_from_outside_stays_there(two: tuple[pipeline.Model, ActivityReport]) -> None:
     model, report = two
     decision = reinstate(model.scalar, report, decide(model.scalar, report, 1e-2, guard=False))
     kept, _ = rewrite(model.library, model.scalar, report, decision, provenance(model, report, 1e-2), form="kept")
-    assert "] .* a.R)" in kept.text
-    assert "axes_forth(T = " in kept.text or "axes_back(T = " in kept.text
-    assert "import mechanics.rigid.cardan;" in kept.text
+    assert "axes(T = a.R" in kept.text
+    assert "PartMTF axes(acts = [" in kept.text
+    assert "import bonds.one_way.{PartEJS, PartMTF, PartTF};" in kept.text
+    assert "  point.p => axes.p1;  axes.p2 => p;\n" in kept.text
 
 
 def test_a_user_s_element_stays_one() -> None:
@@ -103,4 +104,4 @@ def test_components_that_are_zero_by_law_are_not_dropped_again(two: tuple[pipeli
     reduced = pipeline.loads(kept.text)
     again = decide(reduced.scalar, measure(reduced, stop=0.05, interval=0.01, tolerance=1e-6), 1e-9, guard=False)
     elements = {reduced.scalar.terms[t].element for t in again.dropped if reduced.scalar.terms[t].other is None}
-    assert not {name for name in elements if name and name.endswith(("_back", "_forth"))}
+    assert not {name for name in elements if name and name.endswith((".back", ".forth"))}

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from bgdsl.collecting import uncollected
-from bgdsl.diagnostics import BgError, Diagnostic, Reporter
+from bgdsl.diagnostics import BgError, Diagnostic, Reporter, listed
 from bgdsl.ir.causal import CausalGraph
 from bgdsl.ir.graph import BondGraph
 from bgdsl.ir.program import Assign, Program, Record, defined
@@ -253,6 +253,8 @@ class System:
 
         settings, changes = settings_of(more, parameters)
         system = self._restructured(experiment, changes, say)
+        if quadratures is not None and system is not self:
+            _refuse_measuring(experiment, [name for name in system.model.overrides if name not in self.model.overrides])
         options = system.options(experiment, changes, settings)
         return run.simulate(
             system.native,
@@ -278,12 +280,28 @@ class System:
         from bgdsl.simulate.structure import structural_changes
 
         wanted = structural_changes(graph.parameters, graph.experiments, experiment, changes)
-        if not wanted:
+        alone = experiment is None and len(graph.experiments) == 1  # then it is run without being named
+        chosen = next((item for item in graph.experiments if alone or item.name == experiment), None)
+        if not wanted and (chosen is None or chosen.fits):
             return self
         if say is not None:
             say(f"compiling again for {', '.join(wanted)}")
-        alone = graph.experiments[0].name if len(graph.experiments) == 1 else None
-        return self.model.changed(wanted, experiment or alone).compile()
+        return self.model.changed(wanted, None if chosen is None else chosen.name).compile()
+
+
+def _refuse_measuring(experiment: str | None, shaped: Sequence[str]) -> None:
+    """Terms are measured, and reduced, of the model as it is written: other sizes would have other terms."""
+    from bgdsl.simulate.options import STRUCTURAL
+
+    what = f"experiment `{experiment}`" if experiment else "this run"
+    span = Span(Source("<run>", experiment or "run"), 0, len(experiment or "run"))
+    Reporter().fail(
+        STRUCTURAL,
+        f"{what} gives the model other sizes or conditions, so other terms than those to be measured",
+        span,
+        listed(shaped),
+        helps=("write a model that has them, `model Large extends Small(n = 4); end Large;`, and measure that",),
+    )
 
 
 _SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift", "most_steps")
@@ -352,7 +370,7 @@ def _check_structures(model: Model, report: Reporter) -> None:
     for experiment in graph.experiments:
         try:
             wanted = structural_changes(graph.parameters, graph.experiments, experiment.name, {})
-            if wanted:
+            if wanted or not experiment.fits:
                 model.changed(wanted, experiment.name).check()
         except BgError as error:
             report.diagnostics += error.diagnostics

@@ -20,7 +20,7 @@ from bgdsl.simulate.options import evaluated
 def structural_changes(
     parameters: Sequence[Parameter], experiments: Iterable[Experiment], experiment: str | None, changes: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The structural parameters that the run changes, each with its value. Empty where the model stays as it was flattened."""
+    """The structural parameters that the run changes, each with its value. Empty where the model has been flattened with these."""
     owner = {name: parameter for parameter in parameters for name in parameter.scalars()}
     whole = {parameter.name: parameter for parameter in parameters if parameter.shape}
     said = _said_by(experiments, experiment)
@@ -36,8 +36,14 @@ def structural_changes(
         report = Reporter()
         values = evaluated({name: _plain(value) for name, value in formulas.items()}, {}, owner, report)
         report.stop_if_errors()
-        given |= {name: values[name] for name in wanted}
+        given |= {name: values[name] for name in wanted if not _stands(owner[name], name, values[name])}
     return given
+
+
+def _stands(parameter: Parameter, name: str, value: float) -> bool:
+    """Whether the model has been flattened with this value."""
+    default = parameter.values[parameter.scalars().index(name)]
+    return default.op == "const" and default.data == value
 
 
 def _said_by(experiments: Iterable[Experiment], name: str | None) -> Mapping[str, Expr]:

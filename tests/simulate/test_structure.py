@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+import bgdsl
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Reporter
 from bgdsl.simulate.options import resolve_options
@@ -142,3 +143,11 @@ def test_no_run_without_the_structure() -> None:
     program = pipeline.loads(SIZED % "").program
     with pytest.raises(BgError, match="BG614"):
         resolve_options(program, "array", {}, report=Reporter())
+
+
+def test_terms_are_measured_of_the_model_as_it_is_written() -> None:
+    model = bgdsl.loads(SIZED % "  experiment same(stopTime = 1, n = 2, g = {3, 4});")
+    for experiment, changes in (("array", {}), ("plain", {"n": 3})):
+        with pytest.raises(BgError, match="BG614"):
+            model.activity(experiment, changes)
+    assert {term.name for junction in model.activity("same").junctions for term in junction.terms} >= {"a[1]", "a[2]"}

@@ -255,20 +255,24 @@ def _passed_on(step: Step, known: dict[Expr, Expr]) -> Step:
     """The step with copies and constants replaced; what it defines as such is added to `known`."""
     match step:
         case Assign():
-            (value,) = rewrite((step.value,), known)
-            known[var(step.variable)] = value if _is_plain(value) else var(step.variable)
-            return step if value is step.value else Assign(step.variable, value, step.origin)
+            return _passed_on_assign(step, known)
         case SolveLinear():
             values = rewrite((value for _, _, value in step.entries), known)
             entries = tuple((i, j, value) for (i, j, _), value in zip(step.entries, values, strict=True) if not value.is_zero)
             right = rewrite(step.right, known)
             return SolveLinear(step.variables, entries, right, step.origin, step.name, step.symmetric)
         case SolveNewton():
-            inner = tuple(_passed_on(assign, known) for assign in step.inner)
+            inner = tuple(_passed_on_assign(assign, known) for assign in step.inner)
             residuals = rewrite(step.residuals, known)
             values = rewrite((value for _, _, value in step.entries), known)
             entries = tuple((i, j, value) for (i, j, _), value in zip(step.entries, values, strict=True) if not value.is_zero)
-            return SolveNewton(step.variables, inner, residuals, entries, step.guesses, step.origin, step.name)  # type: ignore[arg-type]
+            return SolveNewton(step.variables, inner, residuals, entries, step.guesses, step.origin, step.name)
+
+
+def _passed_on_assign(step: Assign, known: dict[Expr, Expr]) -> Assign:
+    (value,) = rewrite((step.value,), known)
+    known[var(step.variable)] = value if _is_plain(value) else var(step.variable)
+    return step if value is step.value else Assign(step.variable, value, step.origin)
 
 
 def _is_plain(value: Expr) -> bool:

@@ -15,14 +15,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bgdsl import pipeline
-from bgdsl.diagnostics import BgError, Diagnostic
+from bgdsl.diagnostics import BgError, Code, Diagnostic, Reporter
 from bgdsl.pipeline import Model, System
 from bgdsl.reduce import Scenario
+from bgdsl.source import said
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from bgdsl.simulate.result import Run
+
+NO_PARTITIONS = Code("BG745", "a folder holds no partitions")
 
 PLAYBACK_POINTS = 20_000
 """A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
@@ -124,8 +127,16 @@ def at(time: Any, record: Played, name: str) -> Any:
 
 
 def _entries(folder: Path) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = json.loads((folder / "partition.json").read_text("utf-8"))["partitions"]
-    return entries
+    """What `partition.json` says of each partition of a folder. BgError (BG745) where it says nothing."""
+    file = folder / "partition.json"
+    try:
+        entries: list[dict[str, Any]] = json.loads(file.read_text("utf-8"))["partitions"]
+        if all(wanted in entry for entry in entries for wanted in ("file", "drivers", "inputs", "outputs")):
+            return entries
+        found = "a partition lacks an entry"
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        found = getattr(error, "strerror", None) or str(error)
+    Reporter().fail(NO_PARTITIONS, f"{file} cannot be used: {found}", said(str(folder)), helps=("name a folder that `bgc partition` wrote",))
 
 
 def _settings(model: Model, scenario: Scenario, gives: bool) -> tuple[dict[str, Any], dict[str, Any], float]:

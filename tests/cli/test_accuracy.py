@@ -59,3 +59,11 @@ def test_an_output_that_is_not_there(reduced: Path, capsys: pytest.CaptureFixtur
 def test_states_that_fall_are_not_compared(reduced: Path, capsys: pytest.CaptureFixture[str], limit: tuple[str, str]) -> None:
     assert run(["condition", "lever_stiff.bg", "-e", "kick", *limit, "-o", "small.bg"]) == 0
     assert "massA.p" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", [None, "{", '{"partitions": 3}', '{"partitions": [{"file": "a.bg"}]}'])
+def test_a_folder_that_holds_no_partitions(reduced: Path, capsys: pytest.CaptureFixture[str], text: str | None) -> None:
+    Path("parts").mkdir()
+    if text is not None:
+        Path("parts/partition.json").write_text(text)
+    assert refused(capsys, "BG745", "compare", "lever_stiff.bg", "parts", "-e", "kick")

@@ -12,6 +12,8 @@ that has both; where it starts at an element, the element's instance gets an ope
 
 from __future__ import annotations
 
+import re
+
 from bgdsl.expr import Expr, const, leaves, substitute, to_text, topological, var
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
@@ -28,6 +30,7 @@ from bgdsl.reductions.places import (
     Value,
     common,
     flat_name,
+    relative,
     split,
     within,
     without_indices,
@@ -464,14 +467,24 @@ class _Bonds:
         self.found.body(here.owner).links.append((here, self.reach(here.owner, vertex, term.bond)))
 
     def bond_place(self, term: Term, vertex: Vertex) -> Spot:
-        """Where the source stands that takes a plain bond's place: with the junction, named after the port or the bond."""
-        owner = self.place(vertex).owner
-        tag = "" if term.component is None else f"_{term.component + 1}"
+        """Where the source stands that takes a plain bond's place: with the junction, or where the bonds stand that join it to the
+        elements of an array, as an array too. It is named after the port or the bond."""
+        owner, tag = self.place(vertex).owner, "" if term.component is None else f"_{term.component + 1}"
+        bond = self.bonds[term.bond]
+        end = bond.head if term.sign < 0 else bond.tail
+        way = split(end.node)
+        scope = common(owner, way.owner)
+        arrays = re.findall(r"(\w+)\[(\d+)\]", relative(way.owner, scope)[:-1] + (f".{end.node.rpartition('.')[2]}" if way.index else ""))
         name = self.port_of(owner, term.bond)
         if name == "port":
-            far = split(term.bond)
-            name = far.name if far.owner == owner else flat_name(without_indices(term.bond))
-        return Spot(owner, self.names.fresh(owner, f"{name}{tag}", ("source", term.bond, term.component)))
+            named = split(term.bond)
+            name = named.name if named.owner == owner and not arrays else flat_name(without_indices(relative(way.owner, scope) + way.name))
+        if len(arrays) != 1 or name == self.port_of(owner, term.bond):
+            return Spot(owner, self.names.fresh(owner, f"{name}{tag}", ("source", term.bond, term.component)))
+        name = self.names.fresh(scope, f"{name}{tag}", ("source", owner, vertex, name, tag))
+        base = f"{scope}.{arrays[0][0]}" if scope else arrays[0][0]
+        self.names.extents[scope, name] = self.names.extents.get(split(base).key, (0,))
+        return Spot(scope, name, (int(arrays[0][1]),))
 
 
 def _flags(element: Element) -> tuple[str, ...]:

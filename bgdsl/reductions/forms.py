@@ -126,4 +126,4 @@ def _fits(root: Expr, anchor: Seen, entry: tuple[int, ...], look: Look, fixed: M
     if root.op not in ("var", "param"):
         return False
     seen = look(root)
-    return seen is not None and seen.name == anchor.name and seen.entry == entry
+    return seen is not None and seen.text == anchor.text and seen.entry == entry

@@ -7,13 +7,15 @@ from dataclasses import dataclass, field
 
 from bgdsl.expr import Expr, var
 from bgdsl.ir.scalar import ScalarGraph, Term
+from bgdsl.reductions.places import Spot
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
     """What to write. junctions, signals: the nodes wanted (scalar signals by name); gone: removed elements; frozen: the value
     that takes a signal's place, by (reader, signal): the reader is a term's index or an equation's left side. outputs: variables
-    that others read, to be given as outputs; changed: parameters with new defaults."""
+    that others read, to be given as outputs; passed: where variables stand that pass between parts; changed: parameters with new
+    defaults."""
 
     junctions: frozenset[int]
     signals: frozenset[str]
@@ -21,6 +23,7 @@ class Part:
     gone: frozenset[str] = frozenset()
     frozen: Mapping[tuple[int | str, str], float] = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
+    passed: Mapping[str, Spot] = field(default_factory=dict)
     changed: Mapping[str, float] = field(default_factory=dict)
 
 

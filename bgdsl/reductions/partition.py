@@ -19,6 +19,7 @@ from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, decide, settle
 from bgdsl.reductions.determined import gone_elements, reinstate
 from bgdsl.reductions.part import Part
+from bgdsl.reductions.passed import passed_names
 from bgdsl.reductions.rewrite_source import LEAST_TOLD, Provenance, describing
 from bgdsl.reductions.source_map import UnwritableError, refuse
 from bgdsl.reductions.structured_text import needed, structured_text
@@ -184,14 +185,20 @@ def _all_written(
 ) -> tuple[Written, ...]:
     parts = [_part(scalar, result, partition, changed) for partition in result.partitions.partitions]
     asked = [needed(scalar, part) for part in parts]
-    given = {variable: None for k, inputs in enumerate(asked) if wanted is None or k in wanted for variable in inputs}
+    asked = [inputs if wanted is None or k in wanted else () for k, inputs in enumerate(asked)]
+    given = dict.fromkeys(v for inputs in asked for v in inputs)
+    giver = {
+        v: p.number for p in result.partitions.partitions for v in given if v not in asked[p.number] and _belongs(scalar, result, p, v)
+    }
+    passed = passed_names(scalar.graph, asked, lambda v: giver.get(v, -1))
     written = []
     for partition, part, inputs in zip(result.partitions.partitions, parts, asked, strict=True):
         if wanted is not None and partition.number not in wanted:
             continue
-        gives = tuple(v for v in given if v not in inputs and _belongs(scalar, result, partition, v))
+        gives = tuple(v for v in passed if v not in inputs and giver.get(v) == partition.number)
         model = f"{report.model}_{partition.number + 1}_{partition.role}"
-        new = structured_text(scalar, replace(part, outputs=gives), provenance.annotation(), describing(report), folder=folder, name=model)
+        part = replace(part, outputs=gives, passed=passed)
+        new = structured_text(scalar, part, provenance.annotation(), describing(report), folder=folder, name=model)
         file = f"{stem}_{partition.number + 1}_{partition.role}.bg"
         written.append(Written(file, new.text, partition, new.inputs, new.outputs))
     return tuple(written)
@@ -222,7 +229,7 @@ def partitions_for(scalar: ScalarGraph, result: Partitioning, variables: Iterabl
 def _part(scalar: ScalarGraph, result: Partitioning, partition: Partition, changed: Mapping[str, float]) -> Part:
     frozen = {(f.reader, f.signal): f.value for f in result.frozen}
     gone = gone_elements(scalar, result.decision)
-    return Part(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, (), changed)
+    return Part(frozenset(partition.junctions), frozenset(partition.signals), result.decision.dropped, gone, frozen, changed=changed)
 
 
 def _figure(share: float) -> float:

@@ -97,6 +97,17 @@ class Body:
         return not (self.pieces or self.links or self.notes or self.equations or self.lines or self.starts)
 
 
+def body_values(body: Body) -> Iterator[Value]:
+    """All that is said in a body."""
+    for piece in body.pieces.values():
+        yield from piece.values.values()
+        if piece.law is not None:
+            yield piece.law[1]
+    yield from (value for _, value in body.equations)
+    yield from (value for _, value in body.lines)
+    yield from (value for pair in body.starts for value in pair)
+
+
 @dataclass(slots=True, eq=False)
 class Contents:
     """bodies: by instance, in the order of the model. readings: the places at which a variable or a parameter can be read, best

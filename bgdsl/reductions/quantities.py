@@ -25,15 +25,18 @@ from bgdsl.reductions.places import (
     Piece,
     Spot,
     Value,
+    body_values,
     common,
     flat_name,
     indices,
     split,
     within,
-    without_indices,
 )
 from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.wording import Wording
+
+_INNER = re.compile(r"\[\d+\](?=[.\[])")
+"""The index of an array of components."""
 
 
 class Quantities:
@@ -128,21 +131,17 @@ class Quantities:
 
     def all_values(self) -> Iterator[Value]:
         for body in self.found.bodies.values():
-            for piece in body.pieces.values():
-                yield from piece.values.values()
-                if piece.law is not None:
-                    yield piece.law[1]
-            yield from (value for _, value in body.equations)
-            yield from (value for _, value in body.lines)
-            yield from (value for pair in body.starts for value in pair)
+            yield from body_values(body)
 
     def read_all(self) -> None:
         """Inputs for what is not there, and the parameters that are read, with those that they read."""
+        readers = self.readers()
+        for variable, paths in readers.items():
+            if any(self.scalar.junctions[j].variable == variable for j in self.part.junctions):
+                raise UnwritableError((), f"`{variable}` is read, and nothing is left of its junction")
+            self.input(variable)
+            self.hand_in(variable, paths)
         roots = [root for value in self.all_values() for root in value.roots]
-        letters = {name for value in self.all_values() for name in value.letters}
-        for leaf in leaves(roots):
-            if leaf.data not in self.found.readings and leaf.data not in letters:
-                self.input(leaf.data)
         for v in self.part.outputs:
             roots += self.wording.prepared((var(v),))
         waiting = [leaf.data for leaf in leaves(roots, "param")]
@@ -156,13 +155,37 @@ class Quantities:
             if parameter.name in pieces:
                 self.found.add(pieces[parameter.name])
 
+    def readers(self) -> dict[str, list[str]]:
+        """The variables that are not there, and the instances that read them."""
+        found: dict[str, list[str]] = {}
+        for path, body in self.found.bodies.items():
+            for value in body_values(body):
+                for leaf in leaves(value.roots):
+                    if leaf.data not in self.found.readings and leaf.data not in value.letters:
+                        found.setdefault(leaf.data, []).append(path)
+        return found
+
     def input(self, variable: str) -> None:
-        if any(self.scalar.junctions[j].variable == variable for j in self.part.junctions):
-            raise UnwritableError((), f"`{variable}` is read, and nothing is left of its junction")
-        name = self.names.fresh("", flat_name(variable), variable)
-        self.found.inputs[variable] = name
-        self.found.readings[variable] = (Spot("", name),)
-        self.found.add(Piece(Spot("", name), INPUT, "Real", prefix="input "))
+        """An input of the model."""
+        spot = self.part.passed.get(variable) or Spot("", self.names.fresh("", flat_name(variable), variable))
+        self.found.inputs[variable] = f"{spot.name}[{spot.component[0]}]" if spot.component else spot.name
+        self.found.readings[variable] = (spot,)
+        dims = f"[{spot.shape[0]}]" if spot.shape else ""
+        self.found.add(Piece(Spot("", spot.name), INPUT, "Real", dims, prefix="input "))
+
+    def hand_in(self, variable: str, readers: Sequence[str]) -> None:
+        """An input of the instance whose variable it is, where things in that instance read it."""
+        home = split(variable).owner
+        while home and (home not in self.found.bodies or self.found.bodies[home].empty):
+            home = home.rpartition(".")[0]
+        if not home or not any(within(path, home) for path in readers):
+            return
+        outer = f"{variable}@"
+        rest = variable[len(home) + 1 :]
+        name = rest if rest.isidentifier() else self.names.fresh(home, flat_name(_INNER.sub("", rest)), ("passed", variable))
+        self.found.readings[outer] = self.found.readings[variable]
+        self.found.readings[variable] = (Spot(home, name), *self.found.readings[variable])
+        self.found.add(Piece(Spot(home, name), INPUT, "Real", values={(): Value((var(outer),))}, prefix="input "))
 
     def parameter(self, parameter: Parameter) -> Piece:
         here = split(parameter.name)
@@ -190,19 +213,21 @@ class Quantities:
         )
 
     def write_outputs(self) -> None:
-        """What other parts read, under names of the whole model."""
+        """What other parts read, under the names by which it passes."""
+        given: dict[str, list[tuple[Spot, Expr]]] = {}
         for variable in self.part.outputs:
-            value = Value(self.wording.prepared((var(variable),)))
-            spots = self.found.readings.get(variable, ())
-            wanted = flat_name(variable)
-            if spots and spots[0] == Spot("", wanted):
-                piece = self.found.body("").pieces[wanted, ()]
-                piece.prefix = "output "
-                self.found.outputs[variable] = wanted
+            spot = self.part.passed[variable]
+            self.found.outputs[variable] = f"{spot.name}[{spot.component[0]}]" if spot.component else spot.name
+            (root,) = self.wording.prepared((var(variable),))
+            given.setdefault(spot.name, []).append((spot, root))
+        for name, rows in given.items():
+            if (name, ()) in self.found.body("").pieces:  # a variable of the model itself
+                self.found.body("").pieces[name, ()].prefix = "output "
                 continue
-            name = self.names.fresh("", wanted, ("output", variable))
-            self.found.outputs[variable] = name
-            self.found.add(Piece(Spot("", name), OUTPUT, "Real", values={(): value}, prefix="output "))
+            shape = rows[0][0].shape
+            value = Value(tuple(root for _, root in sorted(rows, key=lambda row: row[0].component)), shape)
+            dims = f"[{shape[0]}]" if shape else ""
+            self.found.add(Piece(Spot("", name), OUTPUT, "Real", dims, values={(): value}, prefix="output "))
 
     # ---------------------------------------------------------------------------------------------- what is elsewhere
 
@@ -229,9 +254,8 @@ class Quantities:
         """The name in an instance of what it reads of elsewhere."""
         spot = self.found.readings[leaf.data][0]
         shared = common(path, spot.owner)
-        seen = flat_name(without_indices(leaf.data.removeprefix(f"{shared}.") if shared else leaf.data))
-        entry = f"_{'_'.join(map(str, spot.component))}" if leaf.op == "param" and spot.component else ""
-        name = self.names.fresh(path, f"{seen}{entry}", ("elsewhere", leaf.data))
+        seen = flat_name(_INNER.sub("", leaf.data.removeprefix(f"{shared}.") if shared else leaf.data))
+        name = self.names.fresh(path, seen, ("elsewhere", leaf.data))
         given = f"{path}.{name}"
         here = Spot(path, name)
         if given not in self.found.readings:

@@ -18,14 +18,14 @@ from pathlib import Path
 from bgdsl.ir.graph import BondGraph, Experiment
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.classes import EMPTY, Child, Classes, Given, Kind, Steps, classify
-from bgdsl.reductions.compact import alike, skeleton, statements
+from bgdsl.reductions.compact import statements
 from bgdsl.reductions.contents import gather
 from bgdsl.reductions.part import Part
-from bgdsl.reductions.places import INPUT, JUNCTION, PARAMETER, SIGNAL, Contents, Piece, Value, flat_name, without_indices
+from bgdsl.reductions.places import INPUT, JUNCTION, PARAMETER, SIGNAL, Contents, Piece, Value, without_indices
 from bgdsl.reductions.source_map import UnwritableError
 
 Describe = Callable[[list[tuple[str, tuple[int, ...]]]], str]
-"""The comment on a dropped term, from (instance, term) of each instance that it is about."""
+"""The comment on a dropped term, from (instance, the one term) of each instance that it is about."""
 
 LINE = 120
 """Characters that declarations of one type may share."""
@@ -93,12 +93,13 @@ class _Writer:
         taken = {model, *self.contents.elements.values()}
         names = {self.classes.kinds[-1].number: model}
         for kind in sorted(self.classes.kinds[:-1], key=lambda kind: (-len(kind.members), -kind.number)):
-            name = wanted = kind.instance.class_name
-            if name in taken:
-                name = wanted = f"{wanted}_{flat_name(without_indices(kind.members[0].rpartition('.')[2]))}"
+            wanted = kind.instance.class_name
+            steps = [step for step in without_indices(kind.members[0]).split(".") if step.lower() != wanted.lower()]
+            tries = [wanted, *(f"{wanted}_{'_'.join(steps[k:])}" for k in reversed(range(len(steps))))]
+            name = next((name for name in tries if name not in taken), tries[-1])
             k = 2
             while name in taken:
-                name, k = f"{wanted}_{k}", k + 1
+                name, k = f"{tries[-1]}_{k}", k + 1
             taken.add(name)
             names[kind.number] = name
         self.nothing = "Nothing" if "Nothing" not in taken else "Nothing_of_it"
@@ -236,7 +237,8 @@ class _Writer:
     # ---------------------------------------------------------------------------------------------------------- notes
 
     def notes(self, kind: Kind) -> dict[int, list[str]]:
-        """Comments on dropped terms, by the link before which they stand; one for what is alike in all instances."""
+        """Comments on dropped terms, by the link before which they stand; one for what is alike in all instances, or for the elements
+        of an array, or for terms of a junction that are equally small."""
         rows: dict[str, list[tuple[int, str, int]]] = {}
         for path in kind.members:
             for position, term in self.contents.bodies[path].notes:
@@ -244,19 +246,37 @@ class _Writer:
                 rows.setdefault(text, []).append((position, path, term))
         groups: dict[str, list[str]] = defaultdict(list)
         for text in rows:
-            groups[skeleton(text)[0]].append(text)
+            groups[_ELEMENT.sub("[#]", text)].append(text)
         said: dict[tuple[str, str], list[tuple[int, str]]] = defaultdict(list)
         for texts in groups.values():
-            rule = alike(texts, range(1, len(texts) + 1)) if len(texts) > 1 else None
-            for some in [texts] if rule else [[text] for text in texts]:
+            together = _of_all(texts)
+            for some in [texts] if together else [[text] for text in texts]:
                 members = [row for text in some for row in rows[text]]
                 told = self.describe([(path, (term,)) for _, path, term in members])
-                what, _, name = (rule[1] if rule else some[0]).partition(" of ")
+                what, _, name = (together or some[0]).partition(" of ")
                 said[what, told.rpartition(", rho")[2]].append((min(position for position, _, _ in members), name))
         found: dict[int, list[str]] = defaultdict(list)
         for (what, rho), names in said.items():
             found[min(names)[0]].append(f"{what} of {', '.join(name for _, name in names)}, rho{rho}")
         return found
+
+
+_ELEMENT = re.compile(r"\[\d+\](?=[.\[])|(?<=[a-z]_)\d+(?=_)")
+"""The number of an element of an array of components in a path, or in the name of a bond."""
+
+
+def _of_all(texts: Sequence[str]) -> str | None:
+    """One text for those that differ in the element of an array that they are about."""
+    if len(texts) < 2:
+        return None
+    rows = [[int(number) for match in _ELEMENT.findall(text) for number in re.findall(r"\d+", match)] for text in texts]
+    columns = list(zip(*rows, strict=True))
+    running = {column for column in columns if len(set(column)) > 1}
+    if len(running) != 1:
+        return None
+    chosen = _chosen([(number,) for number in running.pop()])
+    shown = iter(chosen if len(set(column)) > 1 else str(column[0]) for column in columns)
+    return _ELEMENT.sub(lambda match: f"[{next(shown)}]" if match.group().startswith("[") else next(shown).replace(":", ".."), texts[0])
 
 
 class _Tree:

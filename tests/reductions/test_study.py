@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from bgdsl import pipeline
 from bgdsl.accuracy import compare
 from bgdsl.playback import play
 from bgdsl.reduce import Measured, Partitioned, Scenario, condition, partition
@@ -100,6 +101,19 @@ def test_partitions_do_what_the_whole_does(
     comparison = compare(whole, parts, outputs=wanted, shaft=shaft)
     assert {output.name for output in comparison.outputs} == set(wanted) - {shaft}
     assert comparison.worst <= allowed
+
+
+@pytest.mark.parametrize("folder", sorted(path.parent for path in REDUCED.glob("*/partition.json")), ids=lambda path: path.name)
+def test_what_one_part_reads_another_gives(folder: Path) -> None:
+    entries = json.loads((folder / "partition.json").read_text("utf-8"))["partitions"]
+    given: set[str] = set()
+    for entry in entries:
+        assert set(entry["inputs"]) <= given
+        program = pipeline.load(folder / entry["file"]).program
+        assert sorted(record.name for record in program.inputs) == sorted(entry["inputs"])
+        outputs = {record.name for record, _ in program.outputs}
+        assert set(entry["outputs"]) <= outputs
+        given |= set(entry["outputs"])
 
 
 def test_the_balanced_engine_is_written_as_committed() -> None:

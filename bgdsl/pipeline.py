@@ -22,9 +22,10 @@ from bgdsl.ir.program import Assign, Program, Record, defined
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.ir.system import SortedSystem
 from bgdsl.passes.causality import assign_causality
+from bgdsl.passes.choice import is_part
 from bgdsl.passes.domains import check_domains
 from bgdsl.passes.equations import derive_equations
-from bgdsl.passes.flatten import flatten, is_part
+from bgdsl.passes.flatten import flatten
 from bgdsl.passes.lower import lower
 from bgdsl.passes.modules import load_modules
 from bgdsl.passes.reduce_index import reduce_index

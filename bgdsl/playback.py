@@ -136,7 +136,8 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
         found = "a partition lacks an entry"
     except (OSError, ValueError, TypeError, LookupError) as error:
         found = getattr(error, "strerror", None) or str(error)
-    Reporter().fail(NO_PARTITIONS, f"{file} cannot be used: {found}", said(str(folder)), helps=("name a folder that `bgc partition` wrote",))
+    helps = ("name a folder that `bgc partition` wrote",)
+    Reporter().fail(NO_PARTITIONS, f"{file} cannot be used: {found}", said(str(folder)), helps=helps)
 
 
 def _settings(model: Model, scenario: Scenario, gives: bool) -> tuple[dict[str, Any], dict[str, Any], float]:

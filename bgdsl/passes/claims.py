@@ -17,7 +17,8 @@ from bgdsl.passes.elaborate import evaluate, position
 from bgdsl.passes.evaluation import INDEX
 from bgdsl.passes.modifications import MODIFIED_TWICE, Modification
 from bgdsl.passes.names import UNKNOWN_TARGET, Member
-from bgdsl.passes.parts import Build, Claim, Context, Fault, Index, Instance, Value, shape_of, shown_shape
+from bgdsl.passes.parts import Build, Claim, Context, Fault, Index, Instance
+from bgdsl.passes.shapes import Value, shape_of, shown_shape
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 

@@ -28,19 +28,10 @@ from bgdsl.passes.evaluation import (
 )
 from bgdsl.passes.functions import BUILT_INS, wrong
 from bgdsl.passes.inline import inline
-from bgdsl.passes.parts import (
-    LARGEST_ARRAY,
-    NO_VALUE,
-    UNKNOWN_NAME,
-    Context,
-    Fault,
-    TableName,
-    Value,
-    array_of,
-    shape_of,
-)
+from bgdsl.passes.parts import NO_VALUE, UNKNOWN_NAME, Context, Fault
 from bgdsl.passes.rates import total_derivative
 from bgdsl.passes.references import evaluate_reference
+from bgdsl.passes.shapes import LARGEST_ARRAY, TableName, Value, array_of, shape_of
 from bgdsl.passes.values import MISFIT, choose, elementwise, join_matrix, negate, operate, stack
 from bgdsl.syntax import ast
 

@@ -13,14 +13,8 @@ import numpy as np
 
 from bgdsl.diagnostics import Code, counted
 from bgdsl.expr import Expr, const
-from bgdsl.passes.parts import (
-    Context,
-    Fault,
-    TableName,
-    Value,
-    shape_of,
-    shown_shape,
-)
+from bgdsl.passes.parts import Context, Fault
+from bgdsl.passes.shapes import TableName, Value, shape_of, shown_shape
 from bgdsl.passes.values import MISFIT
 from bgdsl.source import Span
 from bgdsl.syntax import ast

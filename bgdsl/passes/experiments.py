@@ -33,11 +33,8 @@ from bgdsl.passes.parts import (
     ParameterPart,
     Reported,
     SignalPart,
-    entries,
-    shape_of,
-    shown_shape,
-    unknowns_of,
 )
+from bgdsl.passes.shapes import entries, shape_of, shown_shape, unknowns_of
 from bgdsl.passes.values import kind_of
 from bgdsl.source import Span
 from bgdsl.syntax import ast

@@ -3,12 +3,12 @@
 Input        Library, the name of a model (or None for its only one), parameters to set
 Output       BondGraph
 Establishes  what `BondGraph.verify` asserts; expressions read parameters and variables of the flat graph only
-Reports      BG609 which model; each neighbour reports what it finds
+Reports      each neighbour reports what it finds
 
-The neighbours: `names` (classes), `modifications`, `parts` (what an instance is made of), `claims` (modifications applied),
-`instantiate` (parts made), `elaborate` with `evaluation`, `references`, `inline`, `rates`, `values`, `functions` (expressions),
-`parameters`, `tables`, `laws` and `law_checks` (elements), `statements` (loops, equations), `connect` with `ends` and `fuse` (bonds),
-`experiments`.
+The neighbours: `choice` (which model), `names` (classes), `modifications`, `parts` (what an instance is made of), `claims`
+(modifications applied), `component_classes` (redeclarations), `instantiate` (parts made), `elaborate` with `evaluation`, `references`,
+`inline`, `rates`, `shapes`, `values`, `functions` (expressions), `parameters`, `tables`, `laws` and `law_checks` (elements),
+`statements` (loops, equations), `connect` with `ends` and `fuse` (bonds), `experiments`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from bgdsl.collecting import uncollected
-from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
+from bgdsl.diagnostics import Reporter
 from bgdsl.expr import Expr, substitute, var
 from bgdsl.ir.domains import Domain
 from bgdsl.ir.elements import component
@@ -35,11 +35,12 @@ from bgdsl.ir.graph import (
     SignalEquation,
 )
 from bgdsl.passes import fuse, law_checks, laws, statements
+from bgdsl.passes.choice import choose_model
 from bgdsl.passes.experiments import make_experiments
 from bgdsl.passes.inline import RECURSIVE
 from bgdsl.passes.instantiate import expand, make_part
-from bgdsl.passes.names import Member, Names, Resolved, head
-from bgdsl.passes.parameters import evaluate_parameter, finish_parameters, table_value
+from bgdsl.passes.names import Names, Resolved, head
+from bgdsl.passes.parameters import evaluate_parameter, finish_parameters
 from bgdsl.passes.parts import (
     Build,
     ElementPart,
@@ -51,12 +52,9 @@ from bgdsl.passes.parts import (
     Reported,
     SignalPart,
 )
-from bgdsl.source import Span
+from bgdsl.passes.tables import table_value
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
-from bgdsl.syntax.mentions import classes_mentioned
-
-WHICH_MODEL = Code("BG609", "it is not clear which model is meant")
 
 DEPTH = 20_000
 
@@ -89,21 +87,6 @@ def flatten(
         report.fail(RECURSIVE, "functions or constants call each other too deep", head(node.span), "in this model")
 
 
-def is_part(library: Library, name: str) -> bool:
-    """Whether a model is made to be used by others: it has ports, or parameters without a value."""
-    names = Names(library, Reporter())
-    node = next((model for model in library.models() if model.name == name), None)
-    cls = names.make(Resolved(name, node, names.file_scope(library.main))) if node is not None else None
-    return cls is not None and any(_is_open(member) for member in cls.members.values())
-
-
-def _is_open(member: Member) -> bool:
-    if member.prefixes & {"port in", "port out"}:
-        return True
-    given = member.entry.value is not None or any(entry.value is not None for entry, _ in member.claims)
-    return bool(member.prefixes & {"parameter"}) and not given
-
-
 @contextmanager
 def _deep() -> Iterator[None]:
     """Expressions as deep as the parser lets through, in functions that call functions, want more frames than Python's thousand."""
@@ -113,57 +96,6 @@ def _deep() -> Iterator[None]:
         yield
     finally:
         sys.setrecursionlimit(limit)
-
-
-def choose_model(library: Library, name: str | None, report: Reporter) -> ast.Model:
-    """The model of that name, or the only one, or the one that no other model of the file uses."""
-    models = list(library.models())
-    source = library.main.source
-    if name is not None:
-        for model in models:
-            if model.name == name:
-                return model
-        known = [model.name for model in models]
-        where = library.main.tree.items[0].span if library.main.tree.items else Span(source, 0, 0)
-        report.fail(
-            WHICH_MODEL,
-            f"`{source.name}` has no model `{name}`",
-            Span(source, where.start, where.start),
-            "",
-            helps=did_you_mean(name, known),
-            notes=_models(known),
-        )
-    if len(models) == 1:
-        return models[0]
-    used = {part for item in library.main.tree.items if isinstance(item, ast.Model) for part in _classes_used(item)}
-    free = [model for model in models if model.name not in used]
-    if len(free) == 1:
-        return free[0]
-    if not models:
-        report.fail(WHICH_MODEL, f"`{source.name}` has no model", Span(source, 0, 0), "", helps=("a model begins with `model Name`",))
-    chosen = free or models
-    report.fail(
-        WHICH_MODEL,
-        f"`{source.name}` has {len(chosen)} models that no other uses" if free else f"every model of `{source.name}` is used by another",
-        head(chosen[0].span),
-        "one of them",
-        others=[(head(other.span), "another") for other in chosen[1:6]],
-        notes=_models([model.name for model in chosen]),
-        helps=("say which one with `--model`",),
-    )
-
-
-def _models(names: Sequence[str]) -> tuple[str, ...]:
-    return (f"the models are {listed(names, 12)}",) if names else ()
-
-
-def _classes_used(model: ast.Model) -> Iterator[str]:
-    """The names of classes that the text of a model and of those nested in it mentions."""
-    stack = [model]
-    while stack:
-        inner = stack.pop()
-        yield from (reference.parts[0].name for reference in classes_mentioned(inner))
-        stack += (item for item in inner.items if isinstance(item, ast.Model))
 
 
 # ------------------------------------------------------------------------------------------------------------ the steps

@@ -17,7 +17,8 @@ import numpy as np
 from bgdsl.diagnostics import Code
 from bgdsl.expr import ONE, ZERO, Expr, add, binary, const, topological, unary, var
 from bgdsl.ir.graph import Origin, SignalEquation
-from bgdsl.passes.parts import LARGEST_ARRAY, Build, Context, Fault, Value, array_of, entries, leaves_of, shape_of, shown_shape
+from bgdsl.passes.parts import Build, Context, Fault
+from bgdsl.passes.shapes import LARGEST_ARRAY, Value, array_of, entries, leaves_of, shape_of, shown_shape
 from bgdsl.passes.values import diagonal, elementwise, full, identity, kind_of, matmul
 from bgdsl.source import Span
 

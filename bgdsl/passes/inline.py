@@ -22,17 +22,9 @@ from bgdsl.passes.evaluation import (
     position,
 )
 from bgdsl.passes.functions import ARGUMENTS
-from bgdsl.passes.parts import (
-    UNKNOWN_NAME,
-    Context,
-    Fault,
-    Value,
-    array_of,
-    entries,
-    shape_of,
-    shown_shape,
-)
+from bgdsl.passes.parts import UNKNOWN_NAME, Context, Fault
 from bgdsl.passes.references import spots
+from bgdsl.passes.shapes import Value, array_of, entries, shape_of, shown_shape
 from bgdsl.passes.values import MISFIT, full
 from bgdsl.syntax import ast
 

@@ -3,8 +3,8 @@
 Input        Class, the modifications from outside
 Output       Instance with its parts
 Establishes  every part has its shape; every modification's target exists
-Reports      BG212 wrong kind, BG214 recursive model, BG220 unknown target, BG224 redeclaration does not fit,
-             BG225 size of a declaration; and what `claims` reports
+Reports      BG212 wrong kind, BG214 recursive model, BG220 unknown target, BG225 size of a declaration; and what `claims` and
+             `component_classes` report
 
 A modification is looked up when its target is made: a part's `claims` are all that is said about it, the outermost first,
 the declaration itself last. Nothing is copied, so an instance costs what its own parts cost.
@@ -13,21 +13,19 @@ the declaration itself last. Nothing is copied, so an instance costs what its ow
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from bgdsl.diagnostics import Code
 from bgdsl.expr import param, var
-from bgdsl.ir.domains import DOMAINS
 from bgdsl.ir.elements import JUNCTIONS, KINDS, Kind
 from bgdsl.ir.graph import Instance as FlatInstance
 from bgdsl.ir.graph import Origin
 from bgdsl.passes.claims import check_targets, claims_of, element_claims, refuse_subscripts
+from bgdsl.passes.component_classes import REDECLARED, ComponentClass, class_of, redeclaration
 from bgdsl.passes.elaborate import evaluate_integer, evaluate_now
 from bgdsl.passes.modifications import Modification
 from bgdsl.passes.names import BASIC, UNKNOWN_TARGET, WRONG_KIND, Class, Member, Resolved, describe, head
 from bgdsl.passes.parts import (
-    LARGEST_ARRAY,
     Absent,
     ArrayPart,
     Broken,
@@ -43,13 +41,11 @@ from bgdsl.passes.parts import (
     Reported,
     SignalPart,
     Unfinished,
-    leaves_of,
 )
-from bgdsl.source import Span
+from bgdsl.passes.shapes import LARGEST_ARRAY, leaves_of
 from bgdsl.syntax import ast
 
 RECURSIVE = Code("BG214", "a model contains itself")
-REDECLARED = Code("BG224", "a redeclaration does not fit")
 SIZE = Code("BG225", "a declaration has a wrong size")
 
 ATTRIBUTES = frozenset({"unit", "displayUnit", "quantity", "min", "max", "start", "fixed", "nominal", "stateSelect"})
@@ -74,24 +70,6 @@ def make_part(instance: Instance, member: Member) -> Any:
 # ---------------------------------------------------------------------------------------------------------------- parts
 
 
-@dataclass(frozen=True, slots=True)
-class _Class:
-    """The class that a component has: the declaration's, or that of the outermost redeclaration; who wrote it, and what it says."""
-
-    type: Resolved
-    node: ast.TypeName
-    author: Context
-    comment: str
-
-    def others(self, member: Member, path: str) -> tuple[tuple[Span, str], ...]:
-        """What to show beside a finding about a component: where it is redeclared, if it is."""
-        return () if self.node is member.declaration.type else ((self.node.span, f"`{path}` is redeclared here"),)
-
-    @property
-    def is_domain(self) -> bool:
-        return self.type.name in DOMAINS if self.type.node is None else isinstance(self.type.node, ast.Domain)
-
-
 def _make(instance: Instance, member: Member) -> Any:
     claims = claims_of(instance, member)
     author = claims[-1][1]
@@ -100,7 +78,7 @@ def _make(instance: Instance, member: Member) -> Any:
         return Absent(instance.child(member.name), member.span)
     if not member.type.name:
         raise Reported
-    chosen = _class_of(instance, member, claims)
+    chosen = class_of(instance, member, claims)
     basic = _basic(chosen.type)
     if instance.cls.is_element and not (basic or chosen.is_domain):
         raise Fault(
@@ -115,7 +93,7 @@ def _make(instance: Instance, member: Member) -> Any:
     return _components(instance, member, claims, chosen)
 
 
-def _components(instance: Instance, member: Member, claims: tuple[Claim, ...], chosen: _Class) -> Any:
+def _components(instance: Instance, member: Member, claims: tuple[Claim, ...], chosen: ComponentClass) -> Any:
     """One component, or an array of them where the declaration has dimensions; its elements may be redeclared one by one."""
     path = instance.child(member.name)
     make = _maker(instance, member, chosen)
@@ -128,9 +106,9 @@ def _components(instance: Instance, member: Member, claims: tuple[Claim, ...], c
     items = []
     for spot, said in element_claims(claims, shape):
         if own:
-            key = id(_redeclaration(said))
+            key = id(redeclaration(said))
             if key not in makers:
-                makers[key] = _maker(instance, member, _class_of(instance, member, said))
+                makers[key] = _maker(instance, member, class_of(instance, member, said))
             make = makers[key]
         items.append(make(f"{path}[{','.join(str(i + 1) for i in spot)}]", said))
     return ArrayPart(path, shape, tuple(items))
@@ -140,7 +118,7 @@ _Maker = Callable[[str, tuple[Claim, ...]], Any]
 """What makes a component with a path from what is said about it."""
 
 
-def _maker(instance: Instance, member: Member, chosen: _Class) -> _Maker:
+def _maker(instance: Instance, member: Member, chosen: ComponentClass) -> _Maker:
     """What makes components of a class."""
     resolved = chosen.type
     match resolved.node:
@@ -164,61 +142,6 @@ def _maker(instance: Instance, member: Member, chosen: _Class) -> _Maker:
             raise Fault(WRONG_KIND, f"`{resolved.name}` is {what}; nothing can be declared with it", chosen.node.span, what)
 
 
-def _redeclaration(claims: Sequence[Claim]) -> ast.Redeclaration | None:
-    """The outermost redeclaration, which decides the class."""
-    return next((entry.redeclared for entry, _, _ in claims if entry.redeclared is not None), None)
-
-
-def _class_of(instance: Instance, member: Member, claims: Sequence[Claim]) -> _Class:
-    for entry, author, _ in claims:
-        if entry.redeclared is not None:
-            node = entry.redeclared
-            comment = node.comment or member.declarator.comment or ""
-            return _Class(_redeclared(instance.build, member, node, author), node.type, author, comment)
-    return _Class(member.type, member.declaration.type, claims[-1][1], member.declarator.comment or "")
-
-
-def _redeclared(build: Build, member: Member, node: ast.Redeclaration, author: Context) -> Resolved:
-    if id(node) not in build.redeclared:
-        build.redeclared[id(node)] = (node, build.names.resolve(node.type.name, author.scope))
-        new = build.redeclared[id(node)][1]
-        if new is not None and not _check_redeclared(build, member, new, node):
-            build.redeclared[id(node)] = (node, None)
-    new = build.redeclared[id(node)][1]
-    if new is None:
-        raise Reported
-    return new
-
-
-def _check_redeclared(build: Build, member: Member, new: Resolved, node: ast.Redeclaration) -> bool:
-    """Whether the new class is of the old one's kind, with its ports and open junctions."""
-
-    def misfit(message: str, *others: tuple[Span, str]) -> Fault:
-        return Fault(REDECLARED, message, node.type.span, "the new class", others=((member.span, "declared here"), *others))
-
-    old = member.type
-    if old.name in KINDS and new.name in KINDS and KINDS[old.name].ports != KINDS[new.name].ports:
-        counts = {1: "one port", 2: "two ports"}
-        build.fault(misfit(f"`{new.name}` has {counts[KINDS[new.name].ports]}, `{old.name}` has {counts[KINDS[old.name].ports]}"))
-        return False
-    if isinstance(old.node, ast.Model) != isinstance(new.node, ast.Model) or describe(old) != describe(new):
-        build.fault(misfit(f"`{member.name}` is {describe(old)}, `{new.name}` is {describe(new)}"))
-        return False
-    before = build.names.make(old) if isinstance(old.node, ast.Model) else None
-    after = build.names.make(new) if isinstance(new.node, ast.Model) else None
-    if before is None or after is None:
-        return True
-    fits = True
-    for name, part in before.members.items():
-        role = part.prefixes & {"port in", "port out", "open"}
-        there = after.members.get(name)
-        if role and (there is None or not role <= there.prefixes):
-            what = f"`{next(iter(role))}` `{name}`"
-            build.fault(misfit(f"`{after.name}` lacks {what} of `{before.name}`", (part.span, "the old class has it")))
-            fits = False
-    return fits
-
-
 def _allow(member: Member, prefixes: set[str], what: str) -> None:
     wrong = member.prefixes - prefixes
     if wrong:
@@ -236,7 +159,7 @@ def _extent(dim: ast.Expression, author: Context, member: Member) -> int:
     return size
 
 
-def _instance(outer: Instance, member: Member, chosen: _Class, path: str, claims: tuple[Claim, ...]) -> Instance:
+def _instance(outer: Instance, member: Member, chosen: ComponentClass, path: str, claims: tuple[Claim, ...]) -> Instance:
     build = outer.build
     _allow(member, {"final", "replaceable", "protected"}, "an instance of a model")
     cls = build.names.make(chosen.type)
@@ -282,7 +205,9 @@ def _check_protected(build: Build, claims: Sequence[Claim], cls: Class) -> None:
 NOTHING: frozenset[str] = frozenset()
 
 
-def _junction(instance: Instance, member: Member, chosen: _Class, size: int | None, path: str, claims: tuple[Claim, ...]) -> JunctionPart:
+def _junction(
+    instance: Instance, member: Member, chosen: ComponentClass, size: int | None, path: str, claims: tuple[Claim, ...]
+) -> JunctionPart:
     check_targets(instance.build, claims, NOTHING, lambda: "a junction", member.span)
     kind, origin = JUNCTIONS[chosen.type.name], Origin(instance.path, member.span)
     return JunctionPart(path, kind, size, "open" in member.prefixes, origin, chosen.comment)
@@ -301,7 +226,7 @@ def _port(instance: Instance, member: Member, domain: str, size: int | None, pat
     return PortPart(path, "port out" in role, domain, size, instance, member, Origin(instance.path, member.span))
 
 
-def _port_sizes(kind: Kind, chosen: _Class, member: Member) -> tuple[int | None, ...]:
+def _port_sizes(kind: Kind, chosen: ComponentClass, member: Member) -> tuple[int | None, ...]:
     """The sizes of an element's ports; a two-port is declared [n2, n1], or [n] where both are n."""
     if kind.ports == 1:
         return (_one_size(chosen, member),)
@@ -311,7 +236,7 @@ def _port_sizes(kind: Kind, chosen: _Class, member: Member) -> tuple[int | None,
     return (None, None) if not sizes else (sizes[-1], sizes[0])
 
 
-def _one_size(chosen: _Class, member: Member) -> int | None:
+def _one_size(chosen: ComponentClass, member: Member) -> int | None:
     dims = chosen.node.dims
     if len(dims) > 1:
         raise Fault(SIZE, f"`{member.name}` has one dimension, not {len(dims)}", chosen.node.span, "one size is wanted")

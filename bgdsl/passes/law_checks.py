@@ -15,7 +15,8 @@ import numpy as np
 from bgdsl.diagnostics import Code
 from bgdsl.expr import Expr, evaluate, topological
 from bgdsl.ir.elements import component
-from bgdsl.passes.parts import Build, ElementPart, Fault, Reported, unknowns_of
+from bgdsl.passes.parts import Build, ElementPart, Fault, Reported
+from bgdsl.passes.shapes import unknowns_of
 from bgdsl.source import Span
 
 NOT_SKEW = Code("BG254", "an Euler junction structure is not power-free")

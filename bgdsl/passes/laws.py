@@ -20,21 +20,8 @@ from bgdsl.passes.claims import attribute, check_final, check_targets, claimed_v
 from bgdsl.passes.law_checks import Rows, check_rows
 from bgdsl.passes.names import UNKNOWN_TARGET
 from bgdsl.passes.parameters import spread, unit_of
-from bgdsl.passes.parts import (
-    Build,
-    Claim,
-    ElementPart,
-    Fault,
-    ParameterPart,
-    Reported,
-    Value,
-    entries,
-    leaves_of,
-    shape_of,
-    shown_shape,
-    unknowns_of,
-    vector,
-)
+from bgdsl.passes.parts import Build, Claim, ElementPart, Fault, ParameterPart, Reported
+from bgdsl.passes.shapes import Value, entries, leaves_of, shape_of, shown_shape, unknowns_of, vector
 from bgdsl.passes.values import diagonal, full, kind_of
 from bgdsl.source import Span
 from bgdsl.syntax import ast

@@ -120,3 +120,16 @@ def _each_and_not(old: Modification, new: Modification, report: Reporter) -> Non
         others=[(old.span, f"{first} `each`")],
         helps=(f"put `each` inside, before what it is for: `{new.name}(each a = 1, b = {{1, 2}})`",),
     )
+
+
+def same(a: Modification, b: Modification) -> bool:
+    """Whether two modifications say the same, wherever they stand."""
+    if a is b:
+        return True
+    if (a.value, a.each, a.final, a.redeclared) != (b.value, b.each, b.final, b.redeclared) or a.nested.keys() != b.nested.keys():
+        return False
+    if len(a.parts) != len(b.parts) or any(
+        one != other or not same(part, twin) for (one, part), (other, twin) in zip(a.parts, b.parts, strict=True)
+    ):
+        return False
+    return all(same(inner, b.nested[name]) for name, inner in a.nested.items())

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from bgdsl.diagnostics import Code, Reporter, did_you_mean
 from bgdsl.ir.domains import DOMAINS
 from bgdsl.ir.elements import JUNCTIONS, KINDS
-from bgdsl.passes.modifications import Modification, modifications
+from bgdsl.passes.modifications import Modification, modifications, same
 from bgdsl.source import Span
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
@@ -378,20 +378,7 @@ class Names:
 
 def _alike(one: Sequence[tuple[Modification, Scope]], other: Sequence[tuple[Modification, Scope]]) -> bool:
     """Whether two ways to inherit a member modify it alike."""
-    return len(one) == len(other) and all(_same(a, b) for (a, _), (b, _) in zip(one, other, strict=True))
-
-
-def _same(a: Modification, b: Modification) -> bool:
-    """Whether two modifications say the same, wherever they stand."""
-    if a is b:
-        return True
-    if (a.value, a.each, a.final, a.redeclared) != (b.value, b.each, b.final, b.redeclared) or a.nested.keys() != b.nested.keys():
-        return False
-    if len(a.parts) != len(b.parts) or any(
-        one != other or not _same(part, twin) for (one, part), (other, twin) in zip(a.parts, b.parts, strict=True)
-    ):
-        return False
-    return all(_same(inner, b.nested[name]) for name, inner in a.nested.items())
+    return len(one) == len(other) and all(same(a, b) for (a, _), (b, _) in zip(one, other, strict=True))
 
 
 def describe(resolved: Resolved) -> str:

@@ -10,8 +10,6 @@ Reports      BG240 no value, BG241 circle, BG242 out of bounds, BG243 a paramete
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,25 +22,8 @@ from bgdsl.passes.elaborate import evaluate as evaluate_expression
 from bgdsl.passes.elaborate import evaluate_integer
 from bgdsl.passes.instantiate import SIZE
 from bgdsl.passes.names import UNKNOWN_TARGET
-from bgdsl.passes.parts import (
-    CYCLE,
-    NO_VALUE,
-    Build,
-    Context,
-    Fault,
-    ParameterPart,
-    Reported,
-    TableName,
-    Value,
-    array_of,
-    entries,
-    leaves_of,
-    parameters_of,
-    shape_of,
-    shown_shape,
-    unknowns_of,
-)
-from bgdsl.passes.tables import DATA, Column, make_table, read_columns
+from bgdsl.passes.parts import CYCLE, NO_VALUE, Build, Context, Fault, ParameterPart, Reported
+from bgdsl.passes.shapes import Value, array_of, entries, leaves_of, parameters_of, shape_of, shown_shape, unknowns_of
 from bgdsl.passes.values import kind_of
 from bgdsl.source import Span
 from bgdsl.syntax import ast
@@ -252,68 +233,6 @@ def _check_whole(build: Build, part: ParameterPart, span: Span) -> None:
     for item in part.values or ():
         if item.is_const and not float(item.data).is_integer():
             raise Fault(TYPE, f"`{part.name}` is an Integer, its value is {item.data:g}", span, "not whole")
-
-
-# ---------------------------------------------------------------------------------------------------------------- tables
-
-
-def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
-    """`table("file.csv", x = "angle", y = "force", kind = "cubic", periodic = true)` or `table({...}, {...}, kind = "linear")`."""
-    options = {name: evaluate_expression(value, context) for name, value in node.named}
-    for name, value in node.named:
-        if name not in ("x", "y", "kind", "periodic"):
-            raise Fault(
-                DATA,
-                f"a table has no option `{name}`",
-                value.span,
-                "",
-                helps=did_you_mean(name, ("x", "y", "kind", "periodic")) or ("x, y, kind, periodic",),
-            )
-    kind, periodic = options.get("kind", "linear"), options.get("periodic", const(0.0))
-    given = [evaluate_expression(argument, context) for argument in node.arguments]
-    if not isinstance(kind, str) or not isinstance(periodic, Expr) or not periodic.is_const:
-        raise Fault(DATA, "`kind` is a string and `periodic` true or false", node.span, "")
-    source = node.span.source
-    match given:
-        case [str() as name]:
-            folder = source.path.parent if source.path is not None else Path()
-            path = folder / name
-            columns = [_column(options.get(axis), axis, i, node.span) for i, axis in enumerate("xy")]
-            xs, ys, rows = read_columns(path, columns[0], columns[1], node.span)
-            key: tuple[Any, ...] = (str(path), *columns, kind, periodic.data)
-        case [xs_value, ys_value] if "x" not in options and "y" not in options:
-            xs, ys = (_numbers(build, value, node.span) for value in (xs_value, ys_value))
-            rows = []
-            key = (tuple(xs), tuple(ys), kind, periodic.data)
-        case _:
-            raise Fault(
-                DATA,
-                "a table is made of a file's name or of two vectors",
-                node.span,
-                "",
-                helps=('write `table("file.csv", x = "a", y = "b")` or `table({0, 1}, {2, 3})`',),
-            )
-    if key not in build.table_keys:
-        made = f"table{len(build.tables) + 1}"
-        build.tables[made] = replace(make_table(made, xs, ys, kind, bool(periodic.data), node.span, rows), span=node.span)
-        build.table_keys[key] = made
-    return TableName(build.table_keys[key])
-
-
-def _column(value: Value | None, axis: str, i: int, span: Span) -> Column:
-    if value is None:
-        return i + 1
-    if isinstance(value, str):
-        return value
-    if isinstance(value, Expr) and value.is_const and float(value.data).is_integer():
-        return int(value.data)
-    raise Fault(DATA, f"`{axis}` is a column's name or number", span, "")
-
-
-def _numbers(build: Build, value: Value, span: Span) -> list[float]:
-    if len(shape_of(value)) != 1 or kind_of(value) != "number":
-        raise Fault(DATA, "the points of a table are two vectors of numbers", span, "")
-    return [build.number(item, span) for item in value]
 
 
 # ------------------------------------------------------------------------------------------------------------ the result

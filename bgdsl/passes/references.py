@@ -40,13 +40,8 @@ from bgdsl.passes.parts import (
     Reported,
     SignalPart,
     Unfinished,
-    Value,
-    array_of,
-    entries,
-    shape_of,
-    shown_shape,
-    vector,
 )
+from bgdsl.passes.shapes import Value, array_of, entries, shape_of, shown_shape, vector
 from bgdsl.passes.values import matmul
 from bgdsl.source import Span
 from bgdsl.syntax import ast

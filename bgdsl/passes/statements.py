@@ -19,19 +19,8 @@ from bgdsl.passes.connect import connect
 from bgdsl.passes.elaborate import evaluate, evaluate_now, evaluate_scalar, iterations
 from bgdsl.passes.names import head
 from bgdsl.passes.parameters import spread, unit_of
-from bgdsl.passes.parts import (
-    ArrayPart,
-    Build,
-    Context,
-    Fault,
-    Instance,
-    PortPart,
-    Reported,
-    SignalPart,
-    entries,
-    shape_of,
-    shown_shape,
-)
+from bgdsl.passes.parts import ArrayPart, Build, Context, Fault, Instance, PortPart, Reported, SignalPart
+from bgdsl.passes.shapes import entries, shape_of, shown_shape
 from bgdsl.passes.values import kind_of
 from bgdsl.syntax import ast
 

@@ -1,6 +1,6 @@
 """Tables: from points, in a CSV file or written out, to piecewise polynomials.
 
-Input        a path or points, the columns, the kind (`linear` or `cubic`), periodic or not
+Input        `table(...)` as written: a path or points, the columns, the kind (`linear` or `cubic`), periodic or not
 Output       expr.Table
 Establishes  x increases, every number is finite; a cubic table is twice continuously differentiable, around the period too
 Reports      BG290 table file not found or not readable, BG291 bad data of a table
@@ -13,14 +13,20 @@ import math
 import os
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from bgdsl.cache import keep, recall
-from bgdsl.diagnostics import Code, listed
-from bgdsl.expr import Table
-from bgdsl.passes.parts import Fault
+from bgdsl.diagnostics import Code, did_you_mean, listed
+from bgdsl.expr import Expr, Table, const
+from bgdsl.passes.elaborate import evaluate
+from bgdsl.passes.parts import Build, Context, Fault
+from bgdsl.passes.shapes import TableName, Value, shape_of
+from bgdsl.passes.values import kind_of
 from bgdsl.source import Source, Span
+from bgdsl.syntax import ast
 
 FILE = Code("BG290", "the file of a table cannot be read")
 DATA = Code("BG291", "the data of a table do not make a table")
@@ -87,8 +93,6 @@ def _column(wanted: Column, header: list[str] | None, rows: Sequence[object], pa
             DATA, f"`{path.name}` has no header that could name column `{wanted}`", span, "named here", helps=("give the column's number",)
         )
     if wanted not in header:
-        from bgdsl.diagnostics import did_you_mean
-
         raise Fault(
             DATA,
             f"`{path.name}` has no column `{wanted}`",
@@ -165,3 +169,65 @@ def _check(x: Sequence[float], y: Sequence[float], kind: str, periodic: bool, sp
             others=at(len(y) - 1),
             helps=("repeat the first value in a last row, one period later",),
         )
+
+
+# ------------------------------------------------------------------------------------------------------------ as written
+
+
+def table_value(build: Build, node: ast.Call, context: Context) -> TableName:
+    """`table("file.csv", x = "angle", y = "force", kind = "cubic", periodic = true)` or `table({...}, {...}, kind = "linear")`."""
+    options = {name: evaluate(value, context) for name, value in node.named}
+    for name, value in node.named:
+        if name not in ("x", "y", "kind", "periodic"):
+            raise Fault(
+                DATA,
+                f"a table has no option `{name}`",
+                value.span,
+                "",
+                helps=did_you_mean(name, ("x", "y", "kind", "periodic")) or ("x, y, kind, periodic",),
+            )
+    kind, periodic = options.get("kind", "linear"), options.get("periodic", const(0.0))
+    given = [evaluate(argument, context) for argument in node.arguments]
+    if not isinstance(kind, str) or not isinstance(periodic, Expr) or not periodic.is_const:
+        raise Fault(DATA, "`kind` is a string and `periodic` true or false", node.span, "")
+    source = node.span.source
+    match given:
+        case [str() as name]:
+            folder = source.path.parent if source.path is not None else Path()
+            path = folder / name
+            columns = [_column_said(options.get(axis), axis, i, node.span) for i, axis in enumerate("xy")]
+            xs, ys, rows = read_columns(path, columns[0], columns[1], node.span)
+            key: tuple[Any, ...] = (str(path), *columns, kind, periodic.data)
+        case [xs_value, ys_value] if "x" not in options and "y" not in options:
+            xs, ys = (_points(build, value, node.span) for value in (xs_value, ys_value))
+            rows = []
+            key = (tuple(xs), tuple(ys), kind, periodic.data)
+        case _:
+            raise Fault(
+                DATA,
+                "a table is made of a file's name or of two vectors",
+                node.span,
+                "",
+                helps=('write `table("file.csv", x = "a", y = "b")` or `table({0, 1}, {2, 3})`',),
+            )
+    if key not in build.table_keys:
+        made = f"table{len(build.tables) + 1}"
+        build.tables[made] = replace(make_table(made, xs, ys, kind, bool(periodic.data), node.span, rows), span=node.span)
+        build.table_keys[key] = made
+    return TableName(build.table_keys[key])
+
+
+def _column_said(value: Value | None, axis: str, i: int, span: Span) -> Column:
+    if value is None:
+        return i + 1
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Expr) and value.is_const and float(value.data).is_integer():
+        return int(value.data)
+    raise Fault(DATA, f"`{axis}` is a column's name or number", span, "")
+
+
+def _points(build: Build, value: Value, span: Span) -> list[float]:
+    if len(shape_of(value)) != 1 or kind_of(value) != "number":
+        raise Fault(DATA, "the points of a table are two vectors of numbers", span, "")
+    return [build.number(item, span) for item in value]

@@ -14,7 +14,8 @@ import numpy as np
 
 from bgdsl.diagnostics import Code
 from bgdsl.expr import ONE, ZERO, Expr, add, const, if_else, not_, relation
-from bgdsl.passes.parts import Fault, TableName, Value, array_of, entries, shape_of, shown_shape
+from bgdsl.passes.parts import Fault
+from bgdsl.passes.shapes import TableName, Value, array_of, entries, shape_of, shown_shape
 from bgdsl.source import Span
 
 MISFIT = Code("BG231", "operands do not fit together")

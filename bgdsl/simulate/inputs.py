@@ -99,7 +99,8 @@ def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start
     where = said(place)
     missing = [name for name in ("time", *names) if name not in columns]
     for name in missing:
-        report.add(NO_SIGNAL, f"there is no column `{name}` in {place}", where, helps=did_you_mean(name, columns))
+        helps = did_you_mean(name, columns) or ((f"it has {listed(columns)}",) if columns else ())
+        report.add(NO_SIGNAL, f"there is no column `{name}` in {place}", where, helps=helps)
     report.stop_if_errors()
     time = np.asarray(columns["time"], dtype=float)
     values = np.column_stack([np.asarray(columns[name], dtype=float) for name in names])
@@ -171,7 +172,7 @@ def read_columns(path: Path, report: Reporter) -> dict[str, Any]:
     except FileNotFoundError:
         report.fail(BAD_RECORD, f"there is no file {path}", where)
     except (OSError, ValueError) as error:
-        report.fail(BAD_RECORD, f"{path} cannot be read: {error}", where)
+        report.fail(BAD_RECORD, f"{path} cannot be read: {getattr(error, 'strerror', None) or error}", where)
 
 
 def _table(table: Any) -> tuple[list[str], list[Any]]:
@@ -190,5 +191,19 @@ def _read_csv(path: Path) -> dict[str, Any]:
     for number, row in enumerate(table, start=2):
         if len(row) != len(header):
             raise ValueError(f"line {number} has {len(row)} fields, the header has {len(header)}")
-    numbers = np.array(table, dtype=float).reshape(len(table), len(header))
+    try:
+        numbers = np.array(table, dtype=float).reshape(len(table), len(header))
+    except ValueError:
+        raise ValueError(_no_number(header, table)) from None
     return {name: numbers[:, i] for i, name in enumerate(header)}
+
+
+def _no_number(header: Sequence[str], table: Sequence[Sequence[str]]) -> str:
+    """Which field of a table is no number, in words."""
+    for number, row in enumerate(table, start=1):
+        for name, text in zip(header, row, strict=True):
+            try:
+                float(text)
+            except ValueError:
+                return f"`{text}` in column `{name}`, row {number}, is no number"
+    return "it holds what is no number"

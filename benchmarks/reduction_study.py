@@ -29,7 +29,7 @@ from bgdsl.accuracy import Verification, verify_reduced
 from bgdsl.expr import topological
 from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton
 from bgdsl.passes.dependencies import dependencies
-from bgdsl.playback import STEPS, as_played, play, with_start
+from bgdsl.playback import STEPS, play, recording_times
 from bgdsl.reduce import Measured, Partitioned, Scenario, condition, holdable, measure, partition
 from bgdsl.reductions.condition import decide
 from bgdsl.reductions.search import Candidate
@@ -330,19 +330,14 @@ def costs(models: Mapping[str, Path], experiment: str, method: str, rounds: int,
             settings: dict[str, Any] = {"stop": stop, "tolerance": 1e-6 * (1 + 1e-3 * k), "method": method}
             names = [signal.name for signal in system.program.inputs]
             if part:
-                settings["interval"] = RECORDED_EVERY if not names else 1e-3
+                settings |= {"interval": 1e-3} if names else {"times": recording_times(stop, RECORDED_EVERY)}
                 if names:
                     inputs = {name: record[group][name] for name in ("time", *names)}
                     settings |= {"inputs": inputs, "max_step": STEPS * stop / drivers[group]}
             used, run = _timed(lambda system=system, settings=settings: system.simulate(experiment, **settings))
             if part and not names:
                 drivers[group] = run.statistics.steps
-                played = as_played(label, system.model, run)
-                more, played = _timed(
-                    lambda system=system, settings=settings, played=played: with_start(played, system, experiment, None, settings)
-                )
-                used += more
-                record[group] = {"time": played.time, **played.signals}
+                record[group] = {"time": run.time, **{name: run[name] for name in run.names}}
             if k:  # the first round makes machine code
                 seconds[label].append(used)
                 steps[label].append(run.statistics.steps)
@@ -439,11 +434,9 @@ def playback_table() -> str:
     finest: Any = None
     rows = []
     for interval, start in ((2e-5, True), (1e-4, True), (2e-4, True), (4e-4, True), (1e-4, False), (4e-4, False)):
-        run = driving.simulate("balanced", interval=interval, **settings)
-        first = as_played("driving", driving.model, run)
-        if start:
-            first = with_start(first, driving, "balanced", None, {**settings, "interval": interval})
-        inputs = {"time": first.time, **{name: first.signals[name] for name in names}}
+        recorded = {"times": recording_times(1.0, interval)} if start else {"interval": interval}
+        first = driving.simulate("balanced", **recorded, **settings)
+        inputs = {"time": first.time, **{name: first[name] for name in names}}
         second = driven.simulate("balanced", inputs=inputs, vars=FORCES, interval=1e-3, **settings).trajectory.values
         if finest is None:
             finest = second

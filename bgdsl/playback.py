@@ -16,14 +16,19 @@ from typing import TYPE_CHECKING, Any
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError, Code, Diagnostic, Reporter
-from bgdsl.pipeline import Model, System
+from bgdsl.pipeline import Model
 from bgdsl.reduce import Scenario
 from bgdsl.source import said
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from bgdsl.simulate.result import Run
+
+    Floats = NDArray[np.float64]
 
 NO_PARTITIONS = Code("BG745", "a folder holds no partitions")
 
@@ -31,7 +36,8 @@ PLAYBACK_POINTS = 20_000
 """A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
 
 START, START_POINTS = 0.01, 2000
-"""The first hundredth of a driving run is recorded at so many points more."""
+"""The first hundredth of a driving run is recorded at so many points: a run that does not begin at rest begins with its quickest
+modes, and an impulse that is missed there rings on in the driven part."""
 
 STEPS = 4.0
 """A driven run's steps are at most so many times as long as its drivers' were on average: what moves the driven part is no quicker
@@ -151,6 +157,16 @@ def _settings(model: Model, scenario: Scenario, gives: bool) -> tuple[dict[str, 
     return settings, {name: value for name, value in (scenario.parameters or {}).items() if name in known}, options.stop
 
 
+def recording_times(stop: float, interval: float, until: float | None = None) -> Floats:
+    """When a driving run to `stop` (s) is recorded: every `interval` or somewhat oftener, and as fine as that may need at its start.
+    until: the end of a first slice of the run."""
+    import numpy as np
+
+    fine = START * stop
+    count = math.ceil(((until or stop) - fine) / interval * (1 - 1e-9))
+    return np.concatenate((np.linspace(0.0, fine, START_POINTS, endpoint=False), np.linspace(fine, until or stop, count + 1)))
+
+
 # ------------------------------------------------------------------------------------------------------------ one by one
 
 
@@ -162,29 +178,11 @@ def _in_turn(folder: Path, scenario: Scenario, search_in: Sequence[Path]) -> lis
         if entry["inputs"]:
             settings["inputs"] = _inputs(entry["inputs"], parts)
             settings.setdefault("max_step", STEPS * stop / max(1, *(part.steps for part in parts)))
-        system = model.compile()
-        run = system.simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
-        part = as_played(entry["file"], model, run)
-        parts.append(with_start(part, system, scenario.experiment, changes, settings) if entry["outputs"] else part)
+        if entry["outputs"]:
+            settings["times"] = recording_times(stop, settings["interval"])
+        run = model.compile().simulate(scenario.experiment, changes, progress=scenario.progress, **settings)
+        parts.append(as_played(entry["file"], model, run))
     return parts
-
-
-def with_start(
-    part: Played, system: System, experiment: str | None, changes: Mapping[str, Any] | None, settings: Mapping[str, Any]
-) -> Played:
-    """The record with the run's start in it as fine as that may need: a run that does not begin at rest begins with its quickest
-    modes, and an impulse that is missed there rings on in the driven part. settings: those of the run that was recorded."""
-    import numpy as np
-
-    length = START * float(part.time[-1] - part.time[0])
-    until = float(part.time[0]) + length
-    fine = {**settings, "stop": until, "interval": length / START_POINTS}
-    begun = as_played(part.name, system.model, system.simulate(experiment, changes, **fine))
-    later = part.time > until + 1e-9 * length
-    signals = {name: np.concatenate((begun.signals[name], values[later])) for name, values in part.signals.items()}
-    time = np.concatenate((begun.time, part.time[later]))
-    seconds, rhs_calls = part.seconds + begun.seconds, part.rhs_calls + begun.rhs_calls
-    return replace(part, time=time, signals=signals, seconds=seconds, rhs_calls=rhs_calls)
 
 
 def _inputs(names: Sequence[str], parts: Sequence[Played]) -> dict[str, Any]:
@@ -273,6 +271,7 @@ def _sliced(
     state, whole, heard = None, None, None
     for k in range(SLICES):
         begin, end = stop * k / SLICES, stop * (k + 1) / SLICES
+        settings["times"] = recording_times(stop, interval, end) if k == 0 and entry["outputs"] else None
         if drivers:
             pieces = [driver.recv() for driver in drivers]
             heard_steps = [piece.pop("steps") for piece in pieces]
@@ -286,7 +285,7 @@ def _sliced(
         for reader in readers:
             reader.send({"time": piece.time, "steps": piece.steps, **piece.signals})
         whole = piece if whole is None else _appended(whole, piece)
-        assert run.trajectory.states is not None and interval > 0
+        assert run.trajectory.states is not None
         state = run.trajectory.states[-1]
     assert whole is not None
     return whole

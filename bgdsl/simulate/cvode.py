@@ -242,6 +242,7 @@ class CvodeLoop:
         loop.clock, loop.stop = keep(stepper.clock), options.stop
         grid = recorder.grid
         loop.row_count, loop.row_start, loop.row_interval = grid.count, grid.start, grid.interval
+        loop.row_at = None if grid.given is None else keep(grid.given)
         loop.row_capacity, loop.columns = recorder.capacity, recorder.rows.shape[1]
         loop.row_times, loop.rows, loop.states = keep(recorder.times), keep(recorder.rows), keep(recorder.state_rows)
         loop.keep = len(recorder.state_rows) > 0

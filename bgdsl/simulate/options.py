@@ -46,7 +46,7 @@ class Options:
     """A run, settled. Times in seconds. `parameters`: all scalar parameters in order (`ir.native.parameter_names`).
 
     variables: what to record (None: the outputs). tolerance of the projection onto invariants: `drift`, relative.
-    most_steps: a run that takes (some) more is given up.
+    most_steps: a run that takes (some) more is given up. times: of the rows, instead of one every `interval`.
     inputs: a file or arrays by name (with `time`). experiment: "" where none is used. max_step: where the caller says nothing
     (not `step_given`), bounded in models that functions of time drive.
     """
@@ -66,6 +66,7 @@ class Options:
     inputs: Path | Mapping[str, Any] | None = None
     drift: float = 1e-10
     most_steps: float = math.inf
+    times: Sequence[float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +86,7 @@ class Settings:
     inputs: Path | Mapping[str, Any] | None = None
     drift: float = 1e-10
     most_steps: float = math.inf
+    times: Sequence[float] | None = None
 
 
 def resolve_options(
@@ -173,6 +175,7 @@ def _settled(chosen: Experiment | None, settings: Settings, parameters: Mapping[
         inputs=settings.inputs,
         drift=settings.drift,
         most_steps=settings.most_steps,
+        times=settings.times,
     )
 
 
@@ -200,9 +203,20 @@ def _check(options: Options, report: Reporter) -> None:
             bad("tolerance", value, "it is below what double precision resolves")
     if not options.max_step > 0.0:
         bad("max step", options.max_step, "it must be a positive time")
+    if options.times is not None and not _covers(options.times, options):
+        bad("times", f"({len(options.times)})", f"they must increase from {options.start:g} s to {options.stop:g} s, the run's ends")
     t1, t2 = options.window
     if options.stop > options.start and not options.start <= t1 < t2 <= options.stop * (1 + 1e-12):
         bad("window", f"{t1:g},{t2:g}", f"it must lie within the run, {options.start:g} to {options.stop:g} s, and not be empty")
+
+
+def _covers(times: Sequence[float], options: Options) -> bool:
+    """Whether these times increase from the run's start to its stop."""
+    import numpy as np
+
+    slack = 1e-9 * (options.stop - options.start)
+    ends = len(times) > 1 and abs(times[0] - options.start) <= slack and abs(times[-1] - options.stop) <= slack
+    return ends and bool((np.diff(times) > 0).all())
 
 
 # ----------------------------------------------------------------------------------------------------------- parameters

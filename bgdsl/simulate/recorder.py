@@ -24,14 +24,24 @@ CHUNK_NUMBERS = 1_000_000
 
 
 class Grid:
-    """The times start, start + interval, ...; the stop time is the last, whether it fits or not."""
+    """The times start, start + interval, ...; the stop time is the last, whether it fits or not. Or those `given`, from start to stop."""
 
-    def __init__(self, start: float, stop: float, interval: float):
+    def __init__(self, start: float, stop: float, interval: float, given: Sequence[float] | None = None):
+        import numpy as np
+
         self.start, self.stop, self.interval = start, stop, interval
+        self.given: Floats | None = None
+        if given is not None:
+            self.given = np.array(given, dtype=float)
+            self.given[[0, -1]] = start, stop
+            self.count = len(given)
+            return
         whole = math.floor((stop - start) / interval * (1 + 1e-12) + 1e-9)
         self.count = whole + 1 if start + whole * interval >= stop - 1e-9 * interval else whole + 2
 
     def __getitem__(self, k: int) -> float:
+        if self.given is not None:
+            return float(self.given[k])
         return self.stop if k >= self.count - 1 else self.start + k * self.interval
 
 

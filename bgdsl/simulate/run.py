@@ -73,7 +73,7 @@ def simulate(
     model.set_parameters(parameter_array(options.parameters))
     u0 = dict(zip((record.name for record in program.inputs), inputs(options.start).tolist(), strict=True))
     x0 = start if start is not None else initial_state(program, options.parameters, u0, options.start, report)
-    grid = Grid(options.start, options.stop, options.interval)
+    grid = Grid(options.start, options.stop, options.interval, options.times)
     keep = output is None and grid.count * max(1, len(program.states)) <= KEPT_STATES
     memory, states = MemorySink(len(columns)), MemorySink(len(program.states))
     recorder = Recorder(model, columns, memory, states if keep else None, grid, inputs)

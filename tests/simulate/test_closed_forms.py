@@ -35,6 +35,17 @@ def test_decay(method: str) -> None:
 
 
 @EVERY
+def test_rows_at_given_times(method: str) -> None:
+    times = np.concatenate((np.linspace(0.0, 0.01, 30, endpoint=False), np.linspace(0.01, 3.0, 50)))
+    options = resolve_options(
+        oscillator(), None, {}, Settings(stop=3.0, tolerance=1e-8, method=method, times=times.tolist()), report=Reporter()
+    )
+    found = simulate(compiled(oscillator()), options)
+    assert found.time.tolist() == times.tolist()
+    np.testing.assert_allclose(found["q"], np.cos(2 * found.time), atol=5e-6)
+
+
+@EVERY
 def test_oscillator(method: str) -> None:
     found = run(oscillator(), method, stop=10.0)
     np.testing.assert_allclose(found["q"], np.cos(2 * found.time), atol=5e-6)

@@ -121,3 +121,10 @@ def test_what_is_wrong_as_declared_may_be_put_right_by_a_run() -> None:
     assert resolve_options(program, changes={"teeth": 4.0}, report=Reporter()).parameters["ratio"] == 0.25
     with pytest.raises(BgError, match="`ratio` has no value"):
         resolve_options(program, report=Reporter())
+
+
+def test_times_of_rows_cover_the_run() -> None:
+    assert resolve("kick", stop=1.0, times=(0.0, 0.1, 1.0)).times == (0.0, 0.1, 1.0)
+    for wrong in ((0.1, 1.0), (0.0, 0.9), (0.0, 0.5, 0.5, 1.0), (0.0,)):
+        with pytest.raises(BgError, match="must increase from 0 s to 1 s"):
+            resolve("kick", stop=1.0, times=wrong)

@@ -16,12 +16,13 @@ Loop = Struct(
     "Loop",
     """Link link, place advance, place interpolate, place memory, places y, places scratch, reals clock,
     real t_old, real stop, whole steps, whole budget, whole flag, whole pending,
-    whole row_next, whole row_count, real row_start, real row_interval, whole row_fill, whole row_capacity,
+    whole row_next, whole row_count, real row_start, real row_interval, reals row_at, whole row_fill, whole row_capacity,
     reals row_times, reals rows, whole columns, place row_kernel, whole keep, reals states,
     Sums sums, real window_start, real window_stop, place integrands, whole parts, Projection projection""",
 )
-"""clock: the current time, one number. y, scratch: N_Vectors. pending: a step is taken but not yet looked at.
-parts: into how many equal parts a step is divided by the nodes of the integrals, adapted to what they need."""
+"""row_at: the rows' times, if these are given (else null). clock: the current time, one number. y, scratch: N_Vectors. pending: a
+step is taken but not yet looked at. parts: into how many equal parts a step is divided by the nodes of the integrals, adapted to what
+they need."""
 
 call_cvode = Callee("int", ("place", "real", "place", "reals", "int"))
 call_dky = Callee("int", ("place", "real", "int", "place"))
@@ -52,7 +53,9 @@ def record(loop: Loop) -> int:
     x = reals(places(loop.scratch[0])[1])
     while loop.row_next < loop.row_count:
         t = loop.stop
-        if loop.row_next < loop.row_count - 1:
+        if loop.row_at:
+            t = loop.row_at[loop.row_next]
+        elif loop.row_next < loop.row_count - 1:
             t = loop.row_start + loop.row_next * loop.row_interval
         if t > loop.clock[0]:
             return 0

@@ -246,8 +246,8 @@ class System:
         """Run an experiment, or the model as it stands.
 
         parameters: changes by dotted path; as keywords too (`mA=12.0`). Settings of the run: stop, interval, tolerance (or rtol,
-        atol), method, max_step, most_steps, window, vars, inputs. `state` (n,) replaces the initial state. With `output` the rows go
-        to that file (CSV, netCDF, Parquet).
+        atol), method, max_step, most_steps, times (of the rows), window, vars, inputs. `state` (n,) replaces the initial state. With
+        `output` the rows go to that file (CSV, netCDF, Parquet).
         A structural parameter has the model flattened and compiled again, and `say` is told.
         """
         from bgdsl.simulate import run
@@ -305,7 +305,10 @@ def _refuse_measuring(experiment: str | None, shaped: Sequence[str]) -> None:
     )
 
 
-_SETTINGS = ("start", "stop", "interval", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift", "most_steps")
+_SETTINGS = (
+    *("start", "stop", "interval", "times", "tolerance", "rtol", "atol", "method", "max_step", "window", "inputs", "drift"),
+    "most_steps",
+)
 
 
 def settings_of(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -> tuple[Settings, dict[str, Any]]:

@@ -52,10 +52,12 @@ def give(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], vari
     pending: dict[str, Tree] = {}
     given = Given(whole=whole)
     children: dict[tuple[str, UnitKey], list[str]] = defaultdict(list)
-    after: dict[UnitKey, set[UnitKey]] = {key: set() for key in variants.of}
+    after: dict[UnitKey, dict[UnitKey, None]] = {key: {} for key in variants.of}
+    for key, of_unit in variants.of.items():
+        after[key] |= {base.key: None for _, base in texts.bases(of_unit[0].unit)}
     for path, site in variants.sites.items():
         children[site.owner, site.unit.key].append(path)
-        after[site.unit.key] |= {unit.key for unit in texts.units(texts.class_of(path))}
+        after[site.unit.key] |= {unit.key: None for unit in texts.units(texts.class_of(path))}
     for key in TopologicalSorter(after).static_order():
         for variant in variants.of[key]:
             _settle(variant, edits, children, variants, pending, given, odd)

@@ -2,7 +2,7 @@
 
 The text is one that somebody is typing, so it may be broken anywhere: places are found in its tokens, declarations in what the
 parser could read of it, and what cannot be resolved has no meaning instead of an error. Modifications are not followed: a member has
-the class of its declaration, not one redeclared for it.
+the class of its declaration, not one redeclared for it (but within the brackets of a redeclaration its new class is meant).
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 from bgdsl.diagnostics import Reporter
 from bgdsl.ir.elements import JUNCTIONS, KINDS
 from bgdsl.passes.functions import BUILT_INS, CONSTANTS
-from bgdsl.passes.modules import load_modules
+from bgdsl.passes.modules import SHIPPED, load_modules
 from bgdsl.passes.names import BUILT_IN, Class, Member, Names, Resolved, Scope
 from bgdsl.source import Source, Span
 from bgdsl.syntax import ast
@@ -23,7 +24,7 @@ from bgdsl.syntax.lexer import Tokens, lexer, tokenize
 from bgdsl.syntax.library import Imported, Library, Module
 from bgdsl.syntax.parser import parse
 
-Role = Literal["class", "function", "type", "parameter", "component", "experiment", "bond", "run", "variable", "keyword"]
+Role = Literal["module", "class", "function", "type", "parameter", "component", "experiment", "bond", "run", "variable", "keyword"]
 
 ATTRIBUTES = ("unit", "min", "max", "start", "fixed", "description")
 """What may be said in brackets of a number."""
@@ -62,13 +63,25 @@ class Text:
         start = self.tokens.starts[i]
         return None if found is None else (found, Span(self.source, start, start + len(path[-1])))
 
+    def uses(self, offset: int) -> list[Span]:
+        """Every place in this text where the name at a place stands for the same."""
+        found = self.at(offset)
+        if found is None:
+            return []
+        wanted, here = found
+        same = (start for start, text in zip(self.tokens.starts, self.tokens.texts, strict=True) if text == here.text)
+        return [use[1] for start in same if (use := self.at(start)) and (use[0].span, use[0].shown) == (wanted.span, wanted.shown)]
+
     def completions(self, offset: int) -> list[Named]:
-        """What could be written at a place: members after a dot, what can be modified within brackets, else all that is visible."""
+        """What could be written at a place: files and their classes in an import, members after a dot, what can be modified within
+        brackets, else all that is visible."""
         i = bisect_right(self.tokens.starts, offset - 1) - 1
         if i >= 0 and self.tokens.texts[i].isidentifier() and offset <= self.tokens.starts[i] + len(self.tokens.texts[i]):
             i -= 1  # the word that is being typed
         if i < 0:
             return list(_KEYWORDS.values())
+        if (path := _import_path(self.tokens, i)) is not None:
+            return list(self._importable(path))
         if self.tokens.texts[i] == ".":
             owner = _follow(_chain(self.tokens, _before_subscripts(self.tokens, i - 1)), self.visible(offset), self)
             return list(self.inside(owner).values()) if owner else []
@@ -93,7 +106,10 @@ class Text:
             i = _before_subscripts(self.tokens, bracket - 1)
             if not self.tokens.texts[i].isidentifier():
                 return {}
-            owners.append(_chain(self.tokens, i))
+            redeclared = _redeclared(self.tokens, i)
+            owners.append(redeclared or _chain(self.tokens, i))
+            if redeclared:
+                break
             i = _start(self.tokens, i)
         if not owners:
             return {}
@@ -169,6 +185,21 @@ class Text:
             found = self.names.find(name, scope)
             yield name, None if found is None else _class(found)
 
+    def _importable(self, path: Sequence[str]) -> Iterator[Named]:
+        """What may follow in an import: folders and files beside this one and in the library, the classes of a file."""
+        beside = self.source.path.resolve().parent if self.source.path else Path.cwd()
+        for folder in (beside, SHIPPED):
+            place = folder.joinpath(*path)
+            for child in sorted(place.iterdir()) if place.is_dir() else ():
+                if child.suffix == ".bg" or (child.is_dir() and any(child.glob("*.bg"))):
+                    yield Named(child.stem, "module", child.name)
+            file = place.with_suffix(".bg")
+            if path and file.is_file():
+                text = file.read_text("utf-8", errors="replace")
+                tree = parse(Source(file.name, text, file), Reporter())
+                items = (item for item in tree.items if not isinstance(item, ast.Import | ast.Test))
+                yield from (_class(Resolved(item.name, item, None)) for item in items)
+
     def _runs(self, test: ast.Test) -> Iterator[Named]:
         scope = self.names.file_scope(self.module)
         for statement in test.statements:
@@ -229,6 +260,17 @@ def _opening(tokens: Tokens, i: int) -> int | None:
     return None
 
 
+def _redeclared(tokens: Tokens, i: int) -> list[str] | None:
+    """The class that the component named by token i is redeclared with; None where it is not."""
+    end = _before_subscripts(tokens, i - 1)
+    if i < 2 or not tokens.texts[end].isidentifier():
+        return None
+    before = _start(tokens, end) - 1
+    while before > 0 and tokens.texts[before] in ("final", "each", "replaceable"):
+        before -= 1
+    return _chain(tokens, end) if tokens.texts[before] == "redeclare" else None
+
+
 _OPENING, _CLOSING = frozenset("([{"), frozenset(")]}")
 
 
@@ -246,6 +288,17 @@ def _start(tokens: Tokens, i: int) -> int:
     while i >= 2 and tokens.texts[i - 1] == ".":
         i = _before_subscripts(tokens, i - 2)
     return i
+
+
+def _import_path(tokens: Tokens, i: int) -> list[str] | None:
+    """The dotted path before a place in an import, token i being the last before it; None elsewhere."""
+    names: list[str] = []
+    while i > 0 and tokens.texts[i] == ".":
+        names.append(tokens.texts[i - 1])
+        i -= 2
+    if i > 1 and tokens.texts[i] == "=":  # `import Name = path`
+        i -= 2
+    return names[::-1] if i >= 0 and tokens.texts[i] == "import" else None
 
 
 def _last(items: Iterable[ast.Node], offset: int) -> ast.Node | None:

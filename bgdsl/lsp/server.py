@@ -205,6 +205,8 @@ def _members(model: ast.Model) -> Iterator[lsp.DocumentSymbol]:
                 kind = lsp.SymbolKind.Constant if {"parameter", "constant"} & set(prefixes) else lsp.SymbolKind.Field
                 for declarator in declarators:
                     yield _entry(declarator, kind, declarator.comment or type_.span.text)
+            case ast.Redeclaration(type=type_):
+                yield _entry(item, lsp.SymbolKind.Field, item.comment or f"redeclared as {type_.span.text}")
             case ast.Experiment():
                 yield _entry(item, lsp.SymbolKind.Event, item.comment or "experiment")
             case ast.Model() | ast.ShortFunction() | ast.LongFunction() | ast.TypeDefinition() | ast.Domain():
@@ -220,6 +222,20 @@ def definition(params: lsp.DefinitionParams) -> lsp.Location | None:
     text = _text(params.text_document.uri)
     found = text.at(_offset(text.source, params.position))
     return _location(_name(found[0].span, found[0].name)) if found and found[0].span else None
+
+
+@server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
+def references(params: lsp.ReferenceParams) -> list[lsp.Location]:
+    """Where the name under the pointer is used in this file."""
+    text = _text(params.text_document.uri)
+    return [_location(span) for span in text.uses(_offset(text.source, params.position))]
+
+
+@server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
+def highlight(params: lsp.DocumentHighlightParams) -> list[lsp.DocumentHighlight]:
+    """The same, to be marked."""
+    text = _text(params.text_document.uri)
+    return [lsp.DocumentHighlight(_range(span)) for span in text.uses(_offset(text.source, params.position))]
 
 
 @server.feature(lsp.TEXT_DOCUMENT_HOVER)
@@ -257,6 +273,7 @@ def _described(named: meaning.Named) -> str:
 
 
 _ROLES: dict[meaning.Role, lsp.CompletionItemKind] = {
+    "module": lsp.CompletionItemKind.Module,
     "class": lsp.CompletionItemKind.Class,
     "function": lsp.CompletionItemKind.Function,
     "type": lsp.CompletionItemKind.TypeParameter,

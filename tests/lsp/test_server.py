@@ -121,6 +121,9 @@ def test_the_outline(editor: Editor, tmp_path: Path) -> None:
     assert model["name"] == "Lever" and model["detail"] == "two mass-spring-dampers coupled by a lever"
     names = [child["name"] for child in model["children"]]
     assert names[:2] == ["mA", "mB"] and "springA" in names and "kick" in names
+    editor.change(path, "model M\n  R r[2](each R = 1);\n  redeclare R r[1](R = 2);\nend M;\n")
+    (model,) = editor.about(path, "documentSymbol")
+    assert [(child["name"], child["detail"]) for child in model["children"]] == [("r", "R"), ("r", "redeclared as R")]
 
 
 def test_hovering_explains(editor: Editor, tmp_path: Path) -> None:
@@ -139,7 +142,9 @@ def place(text: str, mark: str, after: int = 0) -> dict[str, int]:
 
 
 def test_definitions_are_found(editor: Editor, tmp_path: Path) -> None:
-    (tmp_path / "parts.bg").write_text('model Rod "a rod"\n  parameter Real m = 2;\n  I mass(I = m);\n  port in Translational a;\nend Rod;\n')
+    (tmp_path / "parts.bg").write_text(
+        'model Rod "a rod"\n  parameter Real m = 2;\n  I mass(I = m);\n  port in Translational a;\nend Rod;\n'
+    )
     text = """import parts.Rod;
 model Whole
   parameter Real w = 3;
@@ -175,6 +180,18 @@ end;
     assert definition("J1 v") is None and definition("stopTime") is None, "the language's own"
 
 
+def test_uses_are_found(editor: Editor, tmp_path: Path) -> None:
+    path = tmp_path / "lever.bg"
+    editor.open(path, LEVER)
+    found = editor.about(path, "references", position=place(LEVER, "massA(I"), context={"includeDeclaration": True})
+    places = [(entry["range"]["start"]["line"], entry["range"]["start"]["character"]) for entry in found]
+    lines = LEVER.splitlines()
+    assert len(places) >= 2 and all(lines[line][column:].startswith("massA") for line, column in places)
+    assert [mark["range"] for mark in editor.about(path, "documentHighlight", position=place(LEVER, "massA(I"))] == [
+        e["range"] for e in found
+    ]
+
+
 def test_hovering_describes_names(editor: Editor, tmp_path: Path) -> None:
     path = tmp_path / "lever.bg"
     editor.open(path, LEVER)
@@ -198,8 +215,17 @@ def test_completion_knows_members_arguments_and_names(editor: Editor, tmp_path: 
     broken = LEVER.replace("  vA -> massA,", "  output Real x = springA.\n  vA -> massA,").replace("equation", "")
     assert {"q", "e", "f", "power", "energy", "k", "C"} == set(offered(broken, "springA."))
     assert {"I", "p"} <= set(offered(LEVER, "massA(")) and "start" in offered(LEVER, "massA(I = mA, f(st")
+    redeclared = (
+        "model S\n  parameter Real a;\nend S;\nmodel T\n  parameter Real b;\nend T;\nmodel M\n  S x[2];\n  redeclare T x[1](\nend M;\n"
+    )
+    assert "b" in offered(redeclared, "x[1](") and "a" not in offered(redeclared, "x[1](")
+    assert "a" in offered(redeclared.replace("redeclare T", "redeclare final S"), "x[1](")
     imported = "import mechanics.rotational.Spring;\nmodel M\n  Spring shaft(\nend M;\n"
-    assert "J1" in offered(imported, "  Spr")
+    assert "J1" in offered(imported, "  Spr") and "k" in offered(imported, "shaft(")
+    (tmp_path / "parts.bg").write_text("model Rod J1 v; end Rod;")
+    assert {"mechanics", "parts"} <= set(offered("import ", "import "))
+    assert set(offered("import parts.\nmodel M end M;", "parts.")) == {"Rod"}
+    assert "Spring" in offered("import S = mechanics.rotational.Sp", "rotational.Sp")
 
 
 def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> None:
@@ -222,7 +248,7 @@ def test_broken_text_never_ends_the_server(editor: Editor, tmp_path: Path) -> No
     for text in [*broken, *(LEVER[:n] for n in range(0, len(LEVER), 97))]:
         editor.change(path, text)
         editor.about(path, "documentSymbol")
-        for method in ("hover", "definition", "completion"):
+        for method in ("hover", "definition", "completion", "documentHighlight"):
             editor.about(path, method, position=position)
         editor.about(path, "formatting", options={"tabSize": 2, "insertSpaces": True})
     assert editor.change(path, LEVER) == []

@@ -25,7 +25,6 @@ import engine_study
 import numpy as np
 
 from bgdsl import pipeline
-from bgdsl.accuracy import Verification, verify_reduced
 from bgdsl.expr import topological
 from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton
 from bgdsl.passes.dependencies import dependencies
@@ -33,6 +32,8 @@ from bgdsl.playback import STEPS, play, recording_times
 from bgdsl.reduce import Measured, Partitioned, Scenario, condition, holdable, measure, partition
 from bgdsl.reductions.condition import decide
 from bgdsl.reductions.search import Candidate
+from bgdsl.searching import smallest
+from bgdsl.verification import Verification, verify_reduced
 
 ROOT = Path(__file__).parent.parent
 MODELS = ROOT / "models"
@@ -448,8 +449,6 @@ def playback_table() -> str:
 
 def tables() -> dict[str, str]:
     """Every table of docs/engine-study.md by name."""
-    from bgdsl.accuracy import smallest
-
     balanced, misfire = (measured("engine.bg", "Engine", f"{name}_settled") for name in ("balanced", "misfire"))
     small = {one: measured(one.file, one.model, one.experiment) for one in SMALL}
     whole = partition(balanced, THRESHOLD, stem="engine", folder=REDUCED / "engine_balanced")

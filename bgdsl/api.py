@@ -91,7 +91,7 @@ class Model(pipeline.Model):
         within the error.
         """
         from bgdsl import reduce
-        from bgdsl.accuracy import smallest
+        from bgdsl.searching import smallest
 
         if (threshold is None) == (max_error is None):
             raise ValueError("give either threshold or max_error")

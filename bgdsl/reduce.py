@@ -15,6 +15,7 @@ from bgdsl.expr import leaves
 from bgdsl.ir.activity import ActivityReport, Integrands
 from bgdsl.ir.partition import Dependencies, Edge, Frozen
 from bgdsl.ir.rewrite import Rewrite
+from bgdsl.ir.scalar import Term
 from bgdsl.passes import freezing
 from bgdsl.passes.activity import activities, grounded, integrands
 from bgdsl.passes.dependencies import dependencies
@@ -24,8 +25,9 @@ from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.determined import reinstate
 from bgdsl.reductions.mora import eliminate
 from bgdsl.reductions.partition import Partitioning, Written, find_partitions, partition_json, partitions_for, write_partitions
+from bgdsl.reductions.provenance import Choice, reduced_before
 from bgdsl.reductions.repair import repaired
-from bgdsl.reductions.rewrite_source import Provenance, conditioned_before, number, rewrite
+from bgdsl.reductions.rewrite_source import Provenance, number, rewrite
 from bgdsl.reductions.source_map import refuse
 from bgdsl.source import Edit, Source, Span
 from bgdsl.syntax import ast
@@ -33,7 +35,7 @@ from bgdsl.syntax.formatter import format_source
 from bgdsl.version import VERSION
 
 if TYPE_CHECKING:
-    from bgdsl.simulate.options import Settings
+    from bgdsl.simulate.options import Options
     from bgdsl.simulate.result import Run
 
 
@@ -56,6 +58,11 @@ class Measured:
     run: Run
     wanted: Integrands
     report: ActivityReport
+
+    def options(self) -> Options:
+        """What the run was, all defaults settled."""
+        settings = settings_of(self.scenario.settings or {}, None)[0]
+        return self.model.compile().options(self.scenario.experiment, self.scenario.parameters or {}, settings)
 
     @property
     def changed(self) -> dict[str, float]:
@@ -128,23 +135,44 @@ def provenance(measured: Measured, settings: Mapping[str, str], kind: str = "con
 def condition(measured: Measured, threshold: float, *, guard: bool = True, elements: bool = True, folder: Path | None = None) -> Reduced:
     """Drop every term whose relative activity is below `threshold`, and write the model anew. `folder`: where the file will be.
     elements: may a storage, resistor or source fall, or only what joins junctions?"""
-    model = measured.model
-    decision = reinstate(
-        model.scalar,
-        measured.report,
-        decide(model.scalar, measured.report, threshold, guard=guard, among=lambda term: elements or term.other is not None),
-    )
-    head = provenance(measured, {"threshold": repr(threshold)})
-    definition = next(item for item in model.library.models() if item.name == model.name)
-    if not measured.changed and conditioned_before(definition, threshold, measured.report.experiment, measured.report.window):
-        decision = decision.restricted(frozenset())
-    return _written(measured, decision, head, folder)
+    return reduced(measured, Choice(threshold, guard, elements), folder=folder)
 
 
 def eliminate_elements(measured: Measured, share: float, *, folder: Path | None = None) -> Reduced:
     """Remove the least active elements while those that stay make up `share` of all activity (MORA, Louca and Stein)."""
-    decision = eliminate(measured.model.scalar, measured.report, share)
-    return _written(measured, decision, provenance(measured, {"threshold": repr(1.0 - share), "elements": repr(share)}), folder)
+    return reduced(measured, Choice(1.0 - share, keep=share), folder=folder)
+
+
+def reduced(measured: Measured, choice: Choice, *, folder: Path | None = None) -> Reduced:
+    """The model written anew without the terms that fall by a choice; the identical text where that was done before."""
+    decision = decision_for(measured, choice)
+    if reduced_already(measured, choice):
+        decision = decision.restricted(frozenset())
+    return _written(measured, decision, provenance(measured, choice.settings()), folder)
+
+
+def reduced_already(measured: Measured, choice: Choice) -> bool:
+    """Does the model's annotation say that over this run nothing is left for a choice to drop?"""
+    model, report = measured.model, measured.report
+    definition = next(item for item in model.library.models() if item.name == model.name)
+    return not measured.changed and reduced_before(definition, choice, report.experiment, report.window)
+
+
+def decision_text(measured: Measured, decision: Decision, *, folder: Path | None = None) -> str:
+    """A decision as source, to be tried."""
+    return _written(measured, decision, provenance(measured, Choice(decision.threshold).settings()), folder).source
+
+
+def decision_for(measured: Measured, choice: Choice) -> Decision:
+    """The terms that fall by a choice."""
+    scalar, report = measured.model.scalar, measured.report
+    if choice.keep is not None:
+        return eliminate(scalar, report, choice.keep)
+
+    def among(term: Term) -> bool:
+        return (choice.elements or term.other is not None) and term.index not in choice.spared
+
+    return reinstate(scalar, report, decide(scalar, report, choice.threshold, guard=choice.guard, among=among))
 
 
 def _written(measured: Measured, decision: Decision, head: Provenance, folder: Path | None) -> Reduced:
@@ -260,7 +288,7 @@ def partition(
     )
     if len(found.partitions.partitions) < 2:
         return Partitioned(found, (), partition_json(scalar, report, found, ()))
-    head = provenance(measured, {"threshold": repr(threshold)}, "partition")
+    head = provenance(measured, Choice(threshold, guard, inside=conditioned).settings(), "partition")
     wanted = None if outputs is None else partitions_for(scalar, found, _scalars(model, outputs))
     files = tuple(
         replace(written, text=tidy(written.text))
@@ -295,12 +323,6 @@ def holdable(measured: Measured, threshold: float, *, guard: bool = True) -> dic
         return {}
     program = freezing.with_shadows(model.program, made, grounded)
     integrals = Quadratures(grounded(freezing.integrands(made), program))
-    scenario = measured.scenario
-    options = model.compile().options(scenario.experiment, scenario.parameters or {}, _only_settings(scenario))
-    run = simulate(build(program), options, quadratures=integrals, progress=scenario.progress)
+    run = simulate(build(program), measured.options(), quadratures=integrals, progress=measured.scenario.progress)
     assert run.trajectory.integrals is not None
     return freezing.frozen(made, run.trajectory.integrals.values.tolist())
-
-
-def _only_settings(scenario: Scenario) -> Settings:
-    return settings_of(scenario.settings or {}, None)[0]

@@ -69,7 +69,7 @@ def options(
 
 def run(arguments: Sequence[str]) -> int:
     """Carry out a command line and return its exit status."""
-    from bgdsl.cli import editor, front, reduce, run, tests  # noqa: F401  (their import registers the commands)
+    from bgdsl.cli import against, editor, front, reduce, run, tests  # noqa: F401  (their import registers the commands)
 
     console.debug = False
     arguments = list(arguments)

@@ -43,9 +43,16 @@ TableOutputFormat = Annotated[TableFormat, typer.Option("--format", help="How to
 Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="End time in s.")]
 Interval = Annotated[float | None, typer.Option("--interval", metavar="H", help="Time between recorded points in s.")]
 Tolerance = Annotated[float | None, typer.Option("--tolerance", metavar="R", help="Relative and absolute tolerance.")]
-Method = Annotated[str | None, typer.Option("--method", metavar="M", help="cvode-bdf, cvode-adams, lsoda, radau, rk45 or vode-adams.")]
+Method = Annotated[
+    str | None, typer.Option("--method", metavar="M", help="cvode-bdf, cvode-bdf3, cvode-adams, lsoda, radau, rk45 or vode-adams.")
+]
 Window = Annotated[str | None, typer.Option("--window", metavar="T1,T2", help="The interval over which activity is measured.")]
 Inputs = Annotated[Path | None, typer.Option("--inputs", metavar="FILE", help="CSV, netCDF or Parquet with `time` and the model's inputs.")]
+Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
+Shaft = Annotated[
+    str | None,
+    typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order, errors at equal angles."),
+]
 
 
 def settings(texts: Iterable[str] | None) -> dict[str, Any]:

@@ -1,10 +1,9 @@
-"""`bgc activity`, `condition`, `partition`, `compare`, `verify`: what matters in a model, and the model without the rest."""
+"""`bgc activity`, `condition`, `partition`, `tune`: what matters in a model, and the model without the rest."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
-from dataclasses import asdict
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,56 +12,44 @@ import typer
 from bgdsl.cli import arguments as arg
 from bgdsl.cli import console
 from bgdsl.cli.app import app
+from bgdsl.cli.groups import RunGroup, grouped
 
 if TYPE_CHECKING:
     from bgdsl.accuracy import Comparison
+    from bgdsl.ir.activity import ActivityReport
     from bgdsl.reduce import Measured, Partitioned, Reduced
+    from bgdsl.reductions.search import Search
+    from bgdsl.searching import Searched
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 MaxError = Annotated[str | None, typer.Option("--max-error", metavar="E", help="Find the smallest model with output errors up to E (8%).")]
-ShaftName = Annotated[
-    str | None,
-    typer.Option("--shaft", metavar="NAME", help="An output that is a shaft's angle: harmonics by order, errors at equal angles."),
-]
 Keep = Annotated[str | None, typer.Option("--keep", metavar="SHARE", help="Remove elements; those that stay have this share of activity.")]
-Outputs = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="The outputs of interest; otherwise all.")]
 Guard = Annotated[
     bool, typer.Option("--guard/--no-guard", metavar="", help="Keep a term whose rms effort (flow) is above the threshold all the same.")
 ]
+Conditioned = Annotated[bool, typer.Option("--conditioned", metavar="", help="Drop every term below EPS, inside the partitions too.")]
+OfInterest = Annotated[str | None, typer.Option("--outputs", metavar="A,B", help="Variables of interest: what feeds none is left out.")]
+OutputFile = Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", help="Where to write the conditioned model.")]
+OutputFolder = Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the partitions' files.")]
 
 
-def measured(
-    file: Path,
-    model: str | None,
-    experiment: str | None,
-    set_: list[str] | None,
-    window: str | None,
-    path: list[Path] | None,
-    **settings: Any,
-) -> Measured:
+def measured(file: Path, model: str | None, run: RunGroup) -> Measured:
     """The activities of a file's model."""
     from bgdsl import pipeline, reduce
 
-    loaded = pipeline.load(file, model, search=path or ())
-    given = {name: value for name, value in settings.items() if value is not None}
+    loaded = pipeline.load(file, model, search=run.folders)
     with console.progress(f"measuring {loaded.name}") as progress:
-        scenario = reduce.Scenario(experiment, arg.settings(set_), {**given, "window": arg.window(window)}, progress)
-        return reduce.measure(loaded, scenario)
+        return reduce.measure(loaded, reduce.Scenario(run.experiment, run.changes, run.settings(window=run.span), progress))
 
 
 @app.command()
+@grouped
 def activity(
     file: arg.File,
+    run: RunGroup,
     model: arg.ModelName = None,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    window: arg.Window = None,
     threshold: Threshold = None,
-    stop: arg.Stop = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
     output: arg.Output = None,
-    path: arg.Search = None,
     force: arg.Force = False,
     format: arg.TableOutputFormat = arg.TableFormat.TEXT,
 ) -> int:
@@ -70,7 +57,7 @@ def activity(
     from bgdsl.cli.files import write
     from bgdsl.passes import activity as pass_
 
-    found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method).report
+    found = measured(file, model, run).report
     if format is arg.TableFormat.JSON:
         text = pass_.to_json(found)
     elif format is arg.TableFormat.CSV:
@@ -84,7 +71,7 @@ def activity(
     return 0
 
 
-def _table(report: Any, threshold: float) -> str:
+def _table(report: ActivityReport, threshold: float) -> str:
     from bgdsl.passes.activity import table_rows
 
     rows = table_rows(report, threshold)
@@ -105,27 +92,22 @@ def _is_partition(start: str) -> bool:
 
 
 @app.command()
+@grouped
 def condition(
     file: arg.File,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", help="Where to write the conditioned model.")],
+    output: OutputFile,
+    run: RunGroup,
     threshold: Threshold = None,
     max_error: MaxError = None,
     keep: Keep = None,
-    outputs: Outputs = None,
-    shaft: ShaftName = None,
+    outputs: arg.Outputs = None,
+    shaft: arg.Shaft = None,
     model: arg.ModelName = None,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    window: arg.Window = None,
     guard: Guard = True,
-    stop: arg.Stop = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
-    path: arg.Search = None,
     force: arg.Force = False,
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
-    """Write the model without the terms whose relative activity is below a threshold."""
+    """Write the model without the terms whose relative activity is below a threshold, or as small as an error allows."""
     from bgdsl import reduce
     from bgdsl.accuracy import measured_accuracy
     from bgdsl.cli.files import write
@@ -133,10 +115,17 @@ def condition(
     if sum(given is not None for given in (threshold, max_error, keep)) != 1:
         raise typer.BadParameter("say what may fall: one of --threshold 0.3%, --max-error 8%, --keep 98%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold") if threshold else 0.0
-    allowed = arg.fraction(max_error, "--max-error", most=1e3) if max_error else None
-    found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
+    allowed = arg.fraction(max_error, "--max-error") if max_error else None
+    found = measured(file, model, run)
     if allowed is not None:
-        return _searched(found, allowed, output, arg.names(outputs), shaft, guard, force, format)
+        result = _searched(found, allowed, output, arg.names(outputs), shaft, guard)
+        text = result.reduced.source if result.reduced is not None else found.model.source
+        write(output, text, ours=_is_conditioned, force=force)
+        if format is arg.Format.JSON:
+            console.out_json(_search_document(found, result, allowed, output))
+        else:
+            _search_told(result, allowed, output)
+        return 0
     if keep is not None:
         reduced = reduce.eliminate_elements(found, min(1.0, arg.fraction(keep, "--keep")), folder=output.parent)
     else:
@@ -147,84 +136,144 @@ def condition(
 
 
 def _told(reduced: Reduced, output: Path, accuracy: Comparison | None, format: arg.Format) -> None:
-    decision, report, scalar = reduced.decision, reduced.report, reduced.measured.model.scalar
-    records = report.by_index()
-    names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
-
-    def listed(terms: Iterable[int]) -> list[dict[str, Any]]:
-        return [{"junction": names[t], "term": records[t].name, "rho": records[t].rho} for t in sorted(terms)]
-
     if format is arg.Format.JSON:
-        document = {"model": report.model, "output": str(output), "threshold": decision.threshold, "terms": len(scalar.terms)}
-        kept = [{**entry, "reason": k.reason} for k in decision.kept for entry in listed([k.term])]
-        found = {"dropped": listed(decision.dropped), "reinstated": listed(decision.reinstated), "kept": kept}
-        console.out_json({**document, **found, "accuracy": accuracy and accuracy.as_dictionary()})
+        console.out_json(_document(reduced, output, accuracy))
         return
-    console.out(f"{output}: {len(decision.dropped)} of {len(scalar.terms)} terms dropped at {100 * decision.threshold:g} %")
+    decision, records = reduced.decision, reduced.report.by_index()
+    terms = len(reduced.measured.model.scalar.terms)
+    console.out(f"{output}: {len(decision.dropped)} of {terms} terms dropped at {100 * decision.threshold:g} %")
     if decision.reinstated:
         back = ", ".join(records[t].name for t in decision.reinstated)
         console.out(f"taken back, since a junction would have been left undetermined: {back}")
     for reason in reduced.rewrite.reasons:
         console.message(f"written as one flat model: {reason}")
     if accuracy is not None:
-        rows = [(o.name, f"{100 * o.nrms:.3g} %", f"{100 * o.peak:.3g} %") for o in accuracy.outputs]
-        console.out(console.table(("output", "rms error", "peak error"), rows, right=(1, 2)))
+        console.out(_accuracy(accuracy))
 
 
-def _searched(
-    found: Measured,
-    allowed: float,
-    output: Path,
-    outputs: tuple[str, ...] | None,
-    shaft: str | None,
-    guard: bool,
-    force: bool,
-    format: arg.Format,
-) -> int:
-    from bgdsl.accuracy import smallest
-    from bgdsl.cli.files import write
+def _accuracy(accuracy: Comparison) -> str:
+    rows = [(o.name, f"{100 * o.nrms:.3g} %", f"{100 * o.peak:.3g} %") for o in accuracy.outputs]
+    return console.table(("output", "rms error", "peak error"), rows, right=(1, 2))
 
-    result = smallest(found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name, shaft=shaft)
-    best = result.search.best
-    text = result.reduced.source if result.reduced is not None else found.model.source
-    write(output, text, ours=_is_conditioned, force=force)
-    if format is arg.Format.JSON:
-        models = [asdict(candidate) for candidate in result.search.tried]
-        level = None if best is None else best.threshold
-        console.out_json({"model": found.model.name, "output": str(output), "max_error": allowed, "best": level, "models": models})
-        return 0
-    full = result.full
-    lines = [("full", "0", str(full.states), "0", f"{full.seconds:.3g}", "")]
-    for candidate in result.search.tried:
-        mark = "<- written" if candidate is best else ""
-        numbers = (f"{100 * candidate.threshold:.4g} %", str(candidate.dropped), str(candidate.states), f"{100 * candidate.error:.3g} %")
-        lines.append((*numbers, f"{candidate.seconds:.3g}", mark))
-    console.out(console.table(("threshold", "dropped", "states", "error", "seconds", ""), lines, right=range(5)))
-    if best is None:
-        console.message(f"no reduction stays within {100 * allowed:g} %: the full model was written")
-    return 0
+
+def _document(reduced: Reduced, output: Path, accuracy: Comparison | None) -> dict[str, Any]:
+    """What JSON says of a reduction."""
+    decision, report = reduced.decision, reduced.report
+    listed = _listed(report)
+    return {
+        "model": report.model,
+        "output": str(output),
+        "threshold": decision.threshold,
+        "terms": len(reduced.measured.model.scalar.terms),
+        "dropped": listed(decision.dropped),
+        "reinstated": listed(decision.reinstated),
+        "kept": [{**entry, "reason": k.reason} for k in decision.kept for entry in listed([k.term])],
+        "accuracy": accuracy and accuracy.as_dictionary(),
+    }
+
+
+def _listed(report: ActivityReport) -> Callable[[Iterable[int]], list[dict[str, Any]]]:
+    """How JSON lists terms."""
+    records = report.by_index()
+    names = {term.index: junction.name for junction in report.junctions for term in junction.terms}
+    return lambda terms: [{"junction": names[t], "term": records[t].name, "rho": records[t].rho} for t in sorted(terms)]
+
+
+# ---------------------------------------------------------------------------------------------------------------- search
+
+
+def _searched(found: Measured, allowed: float, output: Path, outputs: tuple[str, ...] | None, shaft: str | None, guard: bool) -> Searched:
+    from bgdsl.searching import smallest
+
+    with console.progress("looking for the smallest") as progress:
+        return smallest(
+            found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name, shaft=shaft, progress=progress
+        )
+
+
+def _search_document(found: Measured, result: Searched, allowed: float, output: Path) -> dict[str, Any]:
+    best, listed = result.search.best, _listed(found.report)
+    written = None if result.reduced is None else _document(result.reduced, output, result.accuracy)
+    return {
+        "model": found.model.name,
+        "output": str(output),
+        "max_error": allowed,
+        "best": None if best is None else best.threshold,
+        "models": [candidate.as_dictionary() for candidate in result.search.tried],
+        "trials": result.search.trials,
+        "ended": result.search.ended,
+        "costly": [{"error": g.error, "terms": listed(g.family.terms)} for g in result.search.guilty],
+        "written": written,
+    }
+
+
+COSTLY_SHOWN = 12
+"""Lines of the table of terms that stay."""
+
+
+def _search_told(result: Searched, allowed: float, output: Path) -> None:
+    search, full = result.search, result.full
+    if result.reduced is not None and search.best is None:
+        console.out(f"{output}: this model was found so already; nothing more falls")
+        return
+    lines = [("full", "0", "0", str(full.states), "0 %", "")]
+    for candidate in search.tried:
+        mark = "<- written" if candidate is search.best else "" if candidate.error <= allowed else "too much"
+        counts = (str(candidate.dropped), str(candidate.spared), str(candidate.states))
+        lines.append((_percent(candidate.threshold), *counts, _percent(candidate.error), mark))
+    console.out(console.table(("threshold", "dropped", "spared", "states", "error", ""), lines, right=range(5)))
+    if result.reduced is None or result.accuracy is None:
+        console.message(f"no term can go within {100 * allowed:g} %: the model is written as it is")
+        return
+    if search.guilty:
+        console.out(f"\n{_costly(result.reduced.report, search)}")
+    terms = len(result.reduced.measured.model.scalar.terms)
+    console.out(f"\n{output}: {len(result.reduced.decision.dropped)} of {terms} terms dropped, {search.trials} models tried")
+    for reason in result.reduced.rewrite.reasons:
+        console.message(f"written as one flat model: {reason}")
+    console.out(_accuracy(result.accuracy))
+    console.out(_saved(result.accuracy))
+
+
+def _costly(report: ActivityReport, search: Search) -> str:
+    """The terms that stay though they are small, least active first."""
+    listed = _listed(report)
+    rows = []
+    for guilty in search.guilty[:COSTLY_SHOWN]:
+        first, *others = sorted(listed(guilty.family.terms), key=lambda term: -term["rho"])
+        more = f" and {len(others)} alike" if others else ""
+        rows.append((first["junction"], f"{first['term']}{more}", _percent(first["rho"]), _percent(guilty.error)))
+    left = len(search.guilty) - len(rows)
+    head = "spared, since without them the error would be:"
+    text = console.table(("junction", "term", "rho", "error"), rows, right=(2, 3))
+    tail = [f"and {left} more (`--format json` lists them)"] if left else []
+    if search.ended is not None:
+        tail.append(f"above {_percent(search.ended)} nothing was tried any more: too many in a row had cost too much")
+    return "\n".join([head, text, *tail])
+
+
+def _saved(accuracy: Comparison) -> str:
+    one, other = accuracy.full, accuracy.reduced
+    rows = [(p.name, str(p.states), str(p.equations), str(p.steps), f"{p.seconds:.3g}") for p in (one, other)]
+    return console.table(("model", "states", "equations", "steps", "seconds"), rows, right=range(1, 5))
+
+
+def _percent(share: float) -> str:
+    """A share with four digits; what no measurement could tell from nothing is nothing."""
+    return "0 %" if share < 1e-12 else f"{100 * share:.4g} %"
 
 
 @app.command()
+@grouped
 def partition(
     file: arg.File,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the partitions' files.")],
+    output: OutputFolder,
+    run: RunGroup,
     threshold: Threshold = None,
-    conditioned: Annotated[
-        bool, typer.Option("--conditioned", metavar="", help="Drop every term below the threshold, inside the partitions too.")
-    ] = False,
+    conditioned: Conditioned = False,
     model: arg.ModelName = None,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    window: arg.Window = None,
     guard: Guard = True,
-    outputs: Annotated[
-        str | None, typer.Option("--outputs", metavar="A,B", help="Variables of interest: what feeds none of them is left out.")
-    ] = None,
-    stop: arg.Stop = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
-    path: arg.Search = None,
+    outputs: OfInterest = None,
     force: arg.Force = False,
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
@@ -235,7 +284,7 @@ def partition(
     if threshold is None:
         raise typer.BadParameter("say what may fall: --threshold 0.3%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold")
-    found = measured(file, model, experiment, set_, window, path, stop=stop, tolerance=tolerance, method=method)
+    found = measured(file, model, run)
     result = reduce.partition(found, eps, conditioned=conditioned, guard=guard, stem=file.stem, folder=output, outputs=arg.names(outputs))
     if format is arg.Format.JSON:
         console.out(result.document)
@@ -267,109 +316,6 @@ def _misses(result: Partitioned, eps: float) -> str:
     return head + ("\n\n" + console.table(("junction", "term", "rho"), rows, right=(2,)) if rows else "")
 
 
-Full = Annotated[Path, typer.Argument(metavar="FULL", help="The full model's file.", show_default=False)]
-ReducedFiles = Annotated[list[Path], typer.Argument(metavar="REDUCED...", help="Reduced files, folders of partitions.", show_default=False)]
-ReducedFile = Annotated[Path, typer.Argument(metavar="REDUCED", help="What `condition` or `partition` wrote.", show_default=False)]
-Cycles = Annotated[int, typer.Option("--cycles", min=1, help="With --shaft: how many cycles at the end of the run.")]
-Revolutions = Annotated[float, typer.Option("--revolutions", min=0.01, help="With --shaft: revolutions of a cycle.")]
-Harmonics = Annotated[int, typer.Option("--harmonics", min=0, help="How many harmonics of each output.")]
-Together = Annotated[bool, typer.Option("--together", help="Run the partitions of a folder at the same time, each in its own process.")]
-FullFile = Annotated[Path | None, typer.Option("--full", metavar="FILE", help="The full model; otherwise looked for near REDUCED.")]
-
-
-def _given(**settings: Any) -> dict[str, Any]:
-    return {name: value for name, value in settings.items() if value is not None}
-
-
-@app.command()
-def compare(
-    full: Full,
-    reduced: ReducedFiles,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    outputs: Outputs = None,
-    shaft: ShaftName = None,
-    cycles: Cycles = 4,
-    revolutions: Revolutions = 2.0,
-    harmonics: Harmonics = 3,
-    window: arg.Window = None,
-    stop: arg.Stop = None,
-    interval: arg.Interval = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
-    together: Together = False,
-    path: arg.Search = None,
-    format: arg.OutputFormat = arg.Format.TEXT,
-) -> int:
-    """Compare reduced models with the full one: means, harmonics, errors, cost."""
-    from bgdsl import accuracy, playback, reduce
-
-    settings = _given(stop=stop, interval=interval, tolerance=tolerance, method=method)
-    of_interest, span = arg.names(outputs), arg.window(window)
-    with console.progress("comparing") as progress:
-        scenario = reduce.Scenario(experiment, arg.settings(set_), settings, progress)
-        whole = playback.play(full, scenario, search_in=path or ())
-        small = [playback.play(file, scenario, search_in=path or (), together=together) for file in reduced]
-        comparisons = [
-            accuracy.compare(
-                whole, one, outputs=of_interest, window=span, harmonics=harmonics, shaft=shaft, cycles=cycles, revolutions=revolutions
-            )
-            for one in small
-        ]
-    if format is arg.Format.JSON:
-        console.out_json({"full": whole.cost(), "reduced": [comparison.as_dictionary() for comparison in comparisons]})
-    else:
-        console.out("\n\n".join(_comparison(comparison) for comparison in comparisons))
-    return 0
-
-
-def _comparison(comparison: Comparison) -> str:
-    full, reduced = comparison.full, comparison.reduced
-    costs = [(p.name, str(p.states), str(p.equations), str(p.steps), str(p.rhs_calls), f"{p.seconds:.3g}") for p in (full, reduced)]
-    rows: list[tuple[str, ...]] = []
-    for output in comparison.outputs:
-        errors = (f"{100 * output.nrms:.3g} %", f"{100 * output.peak:.3g} %")
-        rows.append((output.name, "mean", f"{output.mean[0]:.5g}", f"{output.mean[1]:.5g}", "", *errors))
-        for one, other in output.harmonics:
-            where = f"{one.frequency:.4g} Hz" if one.order is None else f"order {one.order:g}"
-            change = f"{100 * (other.amplitude / one.amplitude - 1):+.3g} %" if one.amplitude else ""
-            rows.append(("", where, f"{one.amplitude:.5g}", f"{other.amplitude:.5g}", change, "", ""))
-    cost = console.table(("model", "states", "equations", "steps", "rhs calls", "seconds"), costs, right=range(1, 6))
-    header = ("output", "", "full", "reduced", "change", "rms error", "peak error")
-    return f"{cost}\n\n{console.table(header, rows, right=range(2, 7))}"
-
-
-@app.command()
-def verify(
-    reduced: ReducedFile,
-    full: FullFile = None,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    window: arg.Window = None,
-    stop: arg.Stop = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
-    path: arg.Search = None,
-    format: arg.OutputFormat = arg.Format.TEXT,
-) -> int:
-    """Run the full model again, under other conditions, and say which dropped terms matter there; status 1 if any does."""
-    from bgdsl import accuracy, reduce
-
-    settings = _given(stop=stop, tolerance=tolerance, method=method, window=arg.window(window))
-    with console.progress("verifying") as progress:
-        scenario = reduce.Scenario(experiment, arg.settings(set_), settings, progress)
-        found = accuracy.verify_reduced(reduced, scenario, full=full, search_in=path or ())
-    if format is arg.Format.JSON:
-        console.out_json(found.as_dictionary())
-    elif not found.terms:
-        console.out(f"{found.reduced} holds for {found.now}: every dropped term stays below {100 * found.threshold:g} %")
-    else:
-        rows = [(t.junction, t.name, f"{100 * t.old:.3g} %", f"{100 * t.new:.3g} %", t.place) for t in found.terms]
-        console.out(f"{found.reduced} does not hold for {found.now}; to reinstate:\n\n")
-        console.out(console.table(("junction", "term", "old rho", "new rho", ""), rows, right=(2, 3)))
-    return int(bool(found.terms))
-
-
 Violation = Annotated[float, typer.Option("--violation", metavar="M", min=1e-15, help="Largest deflection of a parasitic spring, in m.")]
 Twist = Annotated[float, typer.Option("--twist", metavar="RAD", min=1e-15, help="The same between rotations, in rad.")]
 Share = Annotated[str, typer.Option("--activity", metavar="SHARE", help="Largest share of all activity for one kind of joint.")]
@@ -377,19 +323,15 @@ TunedFile = Annotated[Path, typer.Option("-o", "--output", metavar="OUT.bg", hel
 
 
 @app.command()
+@grouped
 def tune(
     file: arg.File,
     output: TunedFile,
+    run: RunGroup,
     violation: Violation = 2.5e-5,
     twist: Twist = 1e-4,
     activity: Share = "0.1%",
     model: arg.ModelName = None,
-    experiment: arg.ExperimentName = None,
-    set_: arg.Set = None,
-    stop: arg.Stop = None,
-    tolerance: arg.Tolerance = None,
-    method: arg.Method = None,
-    path: arg.Search = None,
     force: arg.Force = False,
     format: arg.OutputFormat = arg.Format.TEXT,
 ) -> int:
@@ -397,10 +339,10 @@ def tune(
     from bgdsl import pipeline, reduce, tuning
     from bgdsl.cli.files import write
 
-    loaded = pipeline.load(file, model, search=path or ())
+    loaded = pipeline.load(file, model, search=run.folders)
     share = arg.fraction(activity, "--activity")
     with console.progress(f"tuning {loaded.name}") as progress:
-        scenario = reduce.Scenario(experiment, arg.settings(set_), _given(stop=stop, tolerance=tolerance, method=method), progress)
+        scenario = reduce.Scenario(run.experiment, run.changes, run.settings(window=run.span), progress)
         found = tuning.tune_parasitics(loaded, scenario, violation=violation, twist=twist, activity=share)
     write(output, found.source, ours=lambda start: start.startswith("// Parasitic values of "), force=force)
     rows = [(t.group.name, f"{t.factor:.3g}", f"{t.deflection:.3g}", f"{100 * t.share:.3g} %") for t in found.tuning.groups]

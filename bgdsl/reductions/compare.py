@@ -73,7 +73,8 @@ class OutputComparison:
 
 @dataclass(frozen=True, slots=True)
 class Shaft:
-    """Cycles of a shaft: `angle` (rad) at the recorded times; the last `cycles` whole cycles of `revolutions` each are taken."""
+    """Cycles of a shaft: `angle` (rad) at the recorded times; the last `cycles` whole cycles of `revolutions` each are taken, or as
+    many as there are."""
 
     angle: Floats
     cycles: int = 4
@@ -92,6 +93,17 @@ def compare_output(
 ) -> OutputComparison:
     """Compare two signals at the same times. shafts: of the full and of the reduced run, each with its own angle; RMS and peak error
     are then taken at equal angles, so that a speed that is a little off is told as what it is and not as an error of all signals."""
+    nrms, peak = errors(time, full, reduced, shafts)
+    if shafts is None:
+        pairs = _by_frequency(time, full, reduced, harmonics)
+        mean = _mean(time, full), _mean(time, reduced)
+    else:
+        pairs, mean = _by_order(time, full, reduced, harmonics, shafts)
+    return OutputComparison(name, unit, mean, pairs, nrms, peak)
+
+
+def errors(time: Floats, full: Floats, reduced: Floats, shafts: tuple[Shaft, Shaft] | None = None) -> tuple[float, float]:
+    """Normalised RMS and peak error, as in `OutputComparison`; at equal angles of the shafts if there are any."""
     import numpy as np
 
     difference = reduced - full if shafts is None else _at_angles(shafts, reduced) - full
@@ -100,13 +112,7 @@ def compare_output(
     size = size if size > 1e-12 * _rms(time, full) else _rms(time, full)
     height = float(np.abs(swing).max()) or float(np.abs(full).max())
     nrms = _rms(time, difference) / size if size else float(_rms(time, difference) > 0)
-    peak = float(np.abs(difference).max()) / height if height else float(np.abs(difference).max() > 0)
-    if shafts is None:
-        pairs = _by_frequency(time, full, reduced, harmonics)
-        mean = _mean(time, full), _mean(time, reduced)
-    else:
-        pairs, mean = _by_order(time, full, reduced, harmonics, shafts)
-    return OutputComparison(name, unit, mean, pairs, nrms, peak)
+    return nrms, float(np.abs(difference).max()) / height if height else float(np.abs(difference).max() > 0)
 
 
 def _mean(time: Floats, values: Floats) -> float:
@@ -180,32 +186,36 @@ def fit(time: Floats, values: Floats, frequencies: Sequence[float]) -> tuple[Har
 # --------------------------------------------------------------------------------------------------------------- by order
 
 
-def orders(time: Floats, values: Floats, shaft: Shaft) -> tuple[float, list[Harmonic]]:
-    """The mean and the harmonics by order, in steps of one per window, over the shaft's last whole cycles.
-
-    ValueError where the run is shorter than that.
-    """
+def orders(time: Floats, values: Floats, shaft: Shaft, cycles: int) -> tuple[float, list[Harmonic]]:
+    """The mean and the harmonics by order, in steps of one per window, over the shaft's last whole cycles: so many, at least one."""
     import numpy as np
     from scipy.interpolate import CubicSpline
 
     cycle = 2 * np.pi * shaft.revolutions
     last = math.floor(shaft.angle[-1] / cycle)
-    if last < shaft.cycles:
-        raise ValueError(f"the run has {last} whole cycles of the shaft, and {shaft.cycles} are wanted")
-    start, stop = np.interp([cycle * (last - shaft.cycles), cycle * last], shaft.angle, time)
+    start, stop = np.interp([cycle * (last - cycles), cycle * last], shaft.angle, time)
     uniform = CubicSpline(time, values)(start + (stop - start) * np.arange(RESAMPLED) / RESAMPLED)
     spectrum = np.fft.rfft(uniform) / RESAMPLED
-    turns = shaft.cycles * shaft.revolutions
+    turns = cycles * shaft.revolutions
     found = [
         Harmonic(k / (stop - start), 2 * abs(spectrum[k]), float(np.angle(spectrum[k])), k / turns) for k in range(1, int(40 * turns) + 1)
     ]
     return float(spectrum[0].real), found
 
 
+def whole_cycles(shaft: Shaft) -> int:
+    """How many whole cycles the shaft goes through."""
+    cycle = 2 * math.pi * shaft.revolutions
+    return max(0, math.floor(float(shaft.angle[-1]) / cycle) - math.ceil(float(shaft.angle[0]) / cycle))
+
+
 def _by_order(
     time: Floats, full: Floats, reduced: Floats, count: int, shafts: tuple[Shaft, Shaft]
 ) -> tuple[tuple[tuple[Harmonic, Harmonic], ...], tuple[float, float]]:
-    mean_full, of_full = orders(time, full, shafts[0])
-    mean_reduced, of_reduced = orders(time, reduced, shafts[1])
+    cycles = min(shafts[0].cycles, *map(whole_cycles, shafts))
+    if not cycles:
+        return (), (_mean(time, full), _mean(time, reduced))
+    mean_full, of_full = orders(time, full, shafts[0], cycles)
+    mean_reduced, of_reduced = orders(time, reduced, shafts[1], cycles)
     best = sorted(range(len(of_full)), key=lambda k: -of_full[k].amplitude)[:count]
     return tuple((of_full[k], of_reduced[k]) for k in best), (mean_full, mean_reduced)

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from bgdsl.expr import Expr, evaluate, leaves, topological
-from bgdsl.ir.activity import ActivityReport, TermActivity
+from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.graph import BondGraph
 from bgdsl.ir.scalar import ScalarGraph, Term
 
@@ -71,28 +71,46 @@ def decide(
 ) -> Decision:
     """The terms below `threshold` that may be dropped. among: which terms are considered at all (a partition's boundary);
     may_vanish: can this modulus be zero (default: any that is not a constant or a parameter with a nonzero value)."""
+    dropped: set[int] = set()
+    kept: list[Kept] = []
+    for term in considered(scalar, report, guard=guard, may_vanish=may_vanish):
+        if term.rho < threshold and among(scalar.terms[term.index]):
+            if term.reason is None and term.level < threshold:
+                dropped.add(term.index)
+            else:
+                kept.append(Kept(term.index, term.reason or f"its rms is {100 * term.level:.2g} % of the largest at its junction"))
+    unexcited = tuple(j.index for j in report.junctions if j.max_activity == 0.0 and j.terms)
+    return settle(scalar, Decision(threshold, frozenset(dropped), tuple(kept), frozenset(), unexcited))
+
+
+@dataclass(frozen=True, slots=True)
+class Considered:
+    """A term as conditioning sees it. level: it falls at thresholds above this, which is its rho or, guarded, the larger of that and
+    its strength; reason: why it never does, else None."""
+
+    index: int
+    rho: float
+    level: float
+    reason: str | None
+
+
+def considered(
+    scalar: ScalarGraph, report: ActivityReport, *, guard: bool = True, may_vanish: Callable[[Expr], bool] | None = None
+) -> Iterator[Considered]:
+    """Every term that there is something to drop of, at junctions with any activity."""
     vanishes = may_vanish or _vanishing(scalar.graph)
     kinds = element_kinds(scalar.graph)
     parasitic = parasitic_terms(scalar)
     nothing = {law.left for element in scalar.graph.elements for law in element.laws if law.right.is_zero}
-    dropped: set[int] = set()
-    kept: list[Kept] = []
     for junction in report.junctions:
         guarded = guard and not _held_by_parasites(scalar, junction.index, parasitic)
-        for activity in junction.terms:
+        for activity in junction.terms if junction.max_activity > 0.0 else ():
             term = scalar.terms[activity.index]
-            if activity.rho >= threshold or junction.max_activity == 0.0 or not among(term):
-                continue
             if term.conjugate.is_zero or (term.other is None and term.conjugate in nothing):
                 continue  # there is nothing to drop: a source's component that is zero by its law
             reason = "parasitic" if term.index in parasitic else _never(scalar, term, kinds, vanishes)
-            reason = reason or _guarded(activity, threshold, guarded)
-            if reason is None:
-                dropped.add(term.index)
-            else:
-                kept.append(Kept(term.index, reason))
-    unexcited = tuple(j.index for j in report.junctions if j.max_activity == 0.0 and j.terms)
-    return settle(scalar, Decision(threshold, frozenset(dropped), tuple(kept), frozenset(), unexcited))
+            level = activity.strength if guarded and activity.strength > activity.rho else activity.rho  # (a strength may be NaN)
+            yield Considered(term.index, activity.rho, level, reason)
 
 
 def parasitic_terms(scalar: ScalarGraph) -> frozenset[int]:
@@ -134,12 +152,6 @@ def _held_by_parasites(scalar: ScalarGraph, j: int, parasitic: frozenset[int]) -
     """Is this a 0-junction of a joint? Its flows are velocities that parasitic stiffness keeps in step, not a store that a small
     steady flow would fill: the dual of the guard, which is for efforts on what has inertia, has nothing to protect there."""
     return scalar.junctions[j].kind == 0 and any(t in parasitic for t in scalar.terms_at[j])
-
-
-def _guarded(activity: TermActivity, threshold: float, guard: bool) -> str | None:
-    if guard and activity.strength >= threshold:
-        return f"its rms is {100 * activity.strength:.2g} % of the largest at its junction"
-    return None
 
 
 def divides(scalar: ScalarGraph, term: Term, kinds: Mapping[str, str]) -> bool:

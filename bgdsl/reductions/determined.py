@@ -19,16 +19,16 @@ from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.condition import Decision, settle
 
 
-def reinstate(scalar: ScalarGraph, report: ActivityReport, decision: Decision) -> Decision:
-    """The decision with the largest dropped term given back to every junction that would be left undetermined."""
+def reinstate(scalar: ScalarGraph, report: ActivityReport, decision: Decision, structure: Structure | None = None) -> Decision:
+    """The decision with the largest dropped term given back to every junction that would be left undetermined. structure: of the
+    graph, for those that ask often."""
     if not decision.dropped:
         return decision
-    system = _Structure(scalar)
-    before = system.undetermined(frozenset(), frozenset())
+    structure = structure or Structure(scalar)
     activity = {term.index: term.activity for junction in report.junctions for term in junction.terms}
     while True:
         gone = gone_elements(scalar, decision)
-        lost = system.undetermined(decision.dropped, gone) - before
+        lost = structure.undetermined(decision.dropped, gone) - structure.before
         back = {_largest(scalar, decision, j, activity) for j in lost} - {None}
         if not back:
             return decision
@@ -50,8 +50,8 @@ def _largest(scalar: ScalarGraph, decision: Decision, j: int, activity: dict[int
     return max(at, key=lambda t: (activity.get(t, 0.0), -t), default=None)
 
 
-class _Structure:
-    """Which unknowns each equation reads."""
+class Structure:
+    """Which unknowns each equation reads. before: the junctions that the whole model leaves undetermined."""
 
     def __init__(self, scalar: ScalarGraph):
         self.scalar = scalar
@@ -65,6 +65,7 @@ class _Structure:
         self.fixed = [self.unknowns((r.left, r.right)) for r in scalar.relations]
         self.fixed += [self.unknowns((e.left, e.right)) for e in graph.equations]
         self.laws = [(element.name, self.unknowns((law.left, law.right))) for element in graph.elements for law in element.laws]
+        self.before = self.undetermined(frozenset(), frozenset())
 
     def unknowns(self, roots: Iterable[Expr]) -> tuple[int, ...]:
         found: dict[int, None] = {}

@@ -18,7 +18,6 @@ from bgdsl.reductions.condition import Decision, decide
 from bgdsl.reductions.mora import eliminate, least_active
 from bgdsl.reductions.repair import repaired
 from bgdsl.reductions.rewrite_source import rewrite
-from bgdsl.reductions.search import Candidate, levels, search
 from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.verify import verify
 from bgdsl.simulate.direct import DirectModel
@@ -70,25 +69,11 @@ def test_the_reduced_lever_has_the_published_error(lever: pipeline.Model, lever_
 def test_verify_names_what_is_active_again(lever: pipeline.Model) -> None:
     then = measure(lever, "kick", tolerance=1e-7, changes={"s": 0.1})
     now = measure(lever, "kick", tolerance=1e-7, changes={"s": 1.0})
-    decision = decide(lever.scalar, then, 0.003)
-    (back,) = verify(decision, then, now)
+    dropped = decide(lever.scalar, then, 0.003).dropped
+    (back,) = verify(dropped, then, now, lambda old, new: new.rho >= 0.003)
     assert (back.junction, back.name) == ("vA", "lever")
     assert (back.old, back.new) == (pytest.approx(0.002, abs=1e-5), pytest.approx(0.0199, abs=1e-4))
-    assert verify(decision, then, then) == ()
-
-
-def test_search_finds_the_largest_reduction_within_the_error(lever_report: ActivityReport) -> None:
-    steps = levels(lever_report)
-
-    def attempt(threshold: float) -> Candidate:
-        k = sum(level <= threshold for level in steps)
-        return Candidate(threshold, k, 4, 0.01 * k, 0.0)
-
-    result = search(lever_report, 0.035, attempt)
-    assert result.best is not None
-    assert result.best.dropped == 3
-    assert [c.dropped for c in result.tried] == sorted(c.dropped for c in result.tried)
-    assert search(lever_report, 0.001, attempt).best is None
+    assert verify(dropped, then, then, lambda old, new: new.rho >= 0.003) == ()
 
 
 def test_least_active_elements_are_eliminated(lever: pipeline.Model, lever_report: ActivityReport) -> None:

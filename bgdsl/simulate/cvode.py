@@ -77,6 +77,7 @@ class CvodeStepper:
         self.history = self._initialise(memory)
         lib.check(lib.CVodeSStolerances(memory, options.rtol, options.atol), "CVodeSStolerances")
         lib.check(lib.CVodeSetUserData(memory, ctypes.addressof(self.link)), "CVodeSetUserData")
+        lib.check(lib.CVodeSetMaxOrd(memory, self._method.order), "CVodeSetMaxOrd")
         lib.check(lib.CVodeSetMaxHnilWarns(memory, -1), "CVodeSetMaxHnilWarns")
         lib.check(lib.CVodeSetMaxErrTestFails(memory, 20), "CVodeSetMaxErrTestFails")
         lib.check(lib.CVodeSetMaxConvFails(memory, 40), "CVodeSetMaxConvFails")

@@ -29,6 +29,7 @@ METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
         Method("cvode-bdf", "cvode", "bdf", True, True, 5, "SUNDIALS CVODE, backward differences, sparse exact Jacobian"),
+        Method("cvode-bdf3", "cvode", "bdf", True, True, 3, "the same to order 3, for what rings: orders 4 and 5 are unstable there"),
         Method("cvode-adams", "cvode", "adams", False, False, 12, "SUNDIALS CVODE, Adams-Moulton by functional iteration"),
         Method("lsoda", "scipy", "LSODA", True, True, 12, "ODEPACK LSODA: switches between Adams and backward differences"),
         Method("radau", "scipy", "Radau", True, True, 5, "implicit Runge-Kutta, Radau IIA of order 5"),

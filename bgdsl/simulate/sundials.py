@@ -118,6 +118,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "CVodeReInit": (INT, POINTER, REAL, POINTER),
     "CVodeSStolerances": (INT, POINTER, REAL, REAL),
     "CVodeSetUserData": (INT, POINTER, POINTER),
+    "CVodeSetMaxOrd": (INT, POINTER, INT),
     "CVodeSetMaxStep": (INT, POINTER, REAL),
     "CVodeSetStopTime": (INT, POINTER, REAL),
     "CVodeSetMaxErrTestFails": (INT, POINTER, INT),

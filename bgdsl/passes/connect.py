@@ -119,7 +119,7 @@ def _common_size(a: int | None, b: int | None, tail: ast.Reference, head: ast.Re
             tail.span.to(head.span),
             "the two ends of a bond have one size",
             others=[(tail.span, shown(a)), (head.span, shown(b))],
-            helps=("take the components that are meant: `v[1]`, `v[2:3]`",) if a is None or b is None or a != b else (),
+            helps=("take the components that are meant: `v[1]`, `v[2:3]`",),
         )
     if (a is not None) != arrow.vector:
         right = arrow.text.replace("=>", "->") if a is None else arrow.text.replace("->", "=>")

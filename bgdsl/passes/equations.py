@@ -85,9 +85,7 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     for check in graph.checks:
         work.values.close(check.condition)
     _energies(work)
-    for name, value in list(work.values.loops.items()):
-        work.unknowns.append(name)
-        work.state(var(name), value, None, name.rpartition(".")[0], _origin_of(work, name))
+    _alias_loops(work)
     report.stop_if_errors()
     initial = tuple(
         SignalEquation(work.values.close(e.left), work.values.close(e.right), e.origin) for e in (*graph.initial_equations, *work.initial)
@@ -391,11 +389,14 @@ def _bond_power(bond: Bond, components: tuple[int, ...] | None = None) -> Expr:
     return add(var(component(f"{bond.name}.e", i)) * var(component(f"{bond.name}.f", i)) for i in chosen)
 
 
-def _origin_of(work: _Work, name: str) -> Origin:
-    """Where the element or junction of a variable is declared."""
-    path = name
+def _alias_loops(work: _Work) -> None:
+    """A variable whose aliases lead back to it is an unknown, and what they say of it an equation."""
     graph = work.scalar.graph
-    origins = {thing.name: thing.origin for things in (graph.junctions, graph.elements) for thing in things}
-    while path and path not in origins:
-        path = path.rpartition(".")[0]
-    return origins[path] if path else graph.equations[0].origin
+    if work.values.loops:
+        origins = {thing.name: thing.origin for things in (graph.junctions, graph.elements) for thing in things}
+    for name, value in list(work.values.loops.items()):
+        path = name
+        while path and path not in origins:
+            path = path.rpartition(".")[0]
+        work.unknowns.append(name)
+        work.state(var(name), value, None, name.rpartition(".")[0], origins[path] if path else graph.equations[0].origin)

@@ -16,7 +16,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from bgdsl.expr import ZERO, Expr, const, evaluate, leaves, substitute, unary, var
+from bgdsl.expr import ZERO, Expr, Table, const, evaluate, leaves, substitute, unary, var
 from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.graph import SignalEquation
 from bgdsl.ir.partition import Dependencies, Edge, Frozen
@@ -163,9 +163,9 @@ class _Trials:
             yield unary("abs", power), min(self.most[self.scalar.terms[t].junction] for t in ends)
 
 
-def _value(start: Expr, values: Mapping[str, float], tables: Mapping[str, object]) -> float | None:
+def _value(start: Expr, values: Mapping[str, float], tables: Mapping[str, Table]) -> float | None:
     try:
-        return evaluate(start, values, tables=tables)  # type: ignore[arg-type]
+        return evaluate(start, values, tables=tables)
     except (KeyError, ArithmeticError, ValueError):
         return None
 

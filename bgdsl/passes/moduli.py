@@ -36,9 +36,8 @@ class Moduli:
 
     def signs(self, root: Expr) -> Signs:
         """The signs (-1, 0, 1) that the expression may take."""
-        for node in topological((root,)):
-            if node not in self._signs:
-                self._signs[node] = self._sign(node)
+        for node in topological((root,), self._signs):
+            self._signs[node] = self._sign(node)
         found = self._signs[root]
         if len(found) > 1 and 0 in found and self._only_parameters(root):
             value = self._evaluate(root)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from bgdsl.diagnostics import Code, Reporter, listed
+from bgdsl.diagnostics import Code, Reporter, counted, listed
 from bgdsl.expr import Expr, topological, var, variables
 from bgdsl.ir.system import Block, Equation, EquationSystem, SortedSystem, incidence
 from bgdsl.passes.blocks import strong_components
@@ -142,7 +142,7 @@ def _report_overdetermined(system: EquationSystem, rows: Rows, matching: Matchin
         others=[(span, f"together with {text}") for span, text in places.items()][:6],
         notes=[
             *(("no unknown is left for it, nor for its derivative",) if held else ()),
-            f"{_count(len(over), 'equation')} for {_count(len(names), 'unknown')}: {listed(names)}",
+            f"{counted(len(over), 'equation')} for {counted(len(names), 'unknown')}: {listed(names)}",
         ],
         helps=["remove one of these equations, or one of the parts that state them"],
     )
@@ -163,7 +163,7 @@ def _report_undetermined(system: EquationSystem, rows: Rows, matching: Matching,
         primary,
         "one equation is missing" if len(names) == 1 else f"{len(names)} equations are missing",
         others=[(span, f"reads it in {text}") for span, text in shown.items() if span != primary][:4],
-        notes=[f"{_count(len(under), 'unknown')} for {_count(len(readers), 'equation')}: {listed([system.unknowns[j] for j in under])}"],
+        notes=[f"{counted(len(under), 'unknown')} for {counted(len(readers), 'equation')}: {listed([system.unknowns[j] for j in under])}"],
         helps=["add an equation for each, or remove what is not used"],
     )
 
@@ -191,7 +191,3 @@ def _of(equation: Equation) -> str:
 def _shortened(text: str) -> str:
     line = " ".join(text.split())
     return line if len(line) <= 80 else line[:77] + "..."
-
-
-def _count(n: int, thing: str) -> str:
-    return f"{n} {thing}{'' if n == 1 else 's'}"

@@ -200,6 +200,7 @@ def as_dictionary(report: ActivityReport) -> Mapping[str, object]:
 
 def _term_dictionary(term: TermActivity) -> Mapping[str, object]:
     return {
+        "number": term.index,
         "term": term.name,
         "bond": term.bond,
         "entry": None if term.entry is None else [term.entry[0] + 1, term.entry[1] + 1],

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from bgdsl.collecting import uncollected
 from bgdsl.diagnostics import BgError, Diagnostic, Reporter, listed
 from bgdsl.ir.causal import CausalGraph
-from bgdsl.ir.graph import BondGraph
+from bgdsl.ir.graph import BondGraph, array_of_entry
 from bgdsl.ir.program import Assign, Program, Record, defined
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.ir.system import SortedSystem
@@ -160,7 +160,9 @@ class Model:
 
     def changed(self, overrides: Mapping[str, Value], experiment: str | None = None) -> Model:
         """The same model flattened again with other values for (structural) parameters, perhaps those of an experiment."""
-        kept = {name: value for name, value in self.overrides.items() if not (name.endswith("]") and name.rpartition("[")[0] in overrides)}
+        kept = {
+            name: value for name, value in self.overrides.items() if array_of_entry(name) == name or array_of_entry(name) not in overrides
+        }
         return instantiate(self.library, self.name, {**kept, **overrides}, Reporter(), experiment=experiment)
 
     def sizes(self) -> dict[str, int]:

@@ -182,6 +182,11 @@ class Signal:
         return scalar_names(self.name, self.shape)
 
 
+def array_of_entry(name: str) -> str:
+    """The array to which a scalar name belongs: of `a[1].n[2]` it is `a[1].n`; a scalar's own name where it is of none."""
+    return name.rpartition("[")[0] if name.endswith("]") else name
+
+
 def scalar_names(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     """The scalar names of an array's entries, row-major: `R[1,1]`, `R[1,2]`, ...; a scalar's is its own name."""
     names = [""]
@@ -213,7 +218,8 @@ class Experiment:
     """A named run. `changes` maps scalar parameter names to expressions over parameters; settings left out are None.
 
     window: the interval over which activity is measured, None for the whole run. fits: False where its other changes make sense only
-    in the structure that it gives the model (entries of larger arrays, say): it is run after flattening for it.
+    in the structure that it gives the model (entries of larger arrays, say): it is run after flattening for it. resized: new values of
+    arrays without a declared size, `Integer n[:]`, that get another one: their new shapes and entries, row-major.
     """
 
     name: str
@@ -226,6 +232,7 @@ class Experiment:
     changes: Mapping[str, Expr] = field(default_factory=dict)
     comment: str = ""
     fits: bool = True
+    resized: Mapping[str, tuple[tuple[int, ...], tuple[Expr, ...]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

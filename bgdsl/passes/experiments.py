@@ -14,7 +14,7 @@ from typing import Any
 
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import Expr
-from bgdsl.ir.graph import Experiment, Origin, scalar_names
+from bgdsl.ir.graph import Experiment, Origin, array_of_entry, scalar_names
 from bgdsl.passes.claims import claimed_value, element_claims
 from bgdsl.passes.elaborate import evaluate, evaluate_integer
 from bgdsl.passes.modifications import Modification
@@ -51,6 +51,19 @@ class _Run:
     settings: dict[str, tuple[Any, Span]] = field(default_factory=dict)
     changes: dict[str, Expr] = field(default_factory=dict)
     faults: dict[str, Fault | Reported] = field(default_factory=dict)
+    resized: dict[str, _Resized] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Resized:
+    """A new value of another size for an array that declares none; `fault` is what to say where no structure depends on it."""
+
+    value: Any
+    fault: Fault
+
+
+_Change = tuple[str, Expr | _Resized]
+"""A parameter's scalar name with its new value, or an array's name with one of another size."""
 
 
 def make_experiments(root: Instance, running: str | None) -> tuple[Experiment, ...]:
@@ -71,8 +84,10 @@ def _make(name: str, node: ast.Experiment, root: Instance, running: str | None) 
     run = _Run()
     for step in reversed(_chain(node, root)):
         _read(step, root.context(root.cls.experiments[step.name][1]), run, root)
-    elsewhere = name != running and _shapes(root.build, run.changes)
-    for fault in () if elsewhere else run.faults.values():
+    resized = {path: found for path, found in run.resized.items() if path not in root.build.overrides}
+    elsewhere = name != running and (running is not None or _shapes(root.build, (*run.changes, *resized)))
+    wrong = [*run.faults.values(), *(found.fault for found in resized.values())]
+    for fault in () if elsewhere else wrong:
         if isinstance(fault, Fault):
             root.build.fault(fault)
     return Experiment(
@@ -85,7 +100,8 @@ def _make(name: str, node: ast.Experiment, root: Instance, running: str | None) 
         _window(run),
         run.changes,
         node.comment or "",
-        not (elsewhere and run.faults),
+        not (elsewhere and wrong),
+        {name: (shape_of(found.value), entries(found.value)) for name, found in resized.items() if elsewhere},
     )
 
 
@@ -118,9 +134,20 @@ def _read(node: ast.Experiment, context: Context, run: _Run, root: Instance) -> 
             if entry.value is not None:  # whatever the experiments below say of it
                 run.faults.pop(name, None)
             try:
-                run.changes.update(_changes(root, name, ((entry, context, ()),)))
+                for changed, new in _changes(root, name, ((entry, context, ()),)):
+                    _note(run, changed, new)
             except (Fault, Reported) as fault:
                 run.faults.setdefault(name, fault)
+
+
+def _note(run: _Run, name: str, new: Expr | _Resized) -> None:
+    """What is said last of a parameter holds, of an array as a whole or by its entries."""
+    if isinstance(new, Expr):
+        run.resized.pop(array_of_entry(name), None)
+        run.changes[name] = new
+    else:
+        run.changes = {other: value for other, value in run.changes.items() if array_of_entry(other) != name}
+        run.resized[name] = new
 
 
 def _setting(name: str, entry: Modification, context: Context) -> Any:
@@ -167,7 +194,7 @@ def _window(run: _Run) -> tuple[float, float] | None:
 # -------------------------------------------------------------------------------------------------------------- changes
 
 
-def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterator[tuple[str, Expr]]:
+def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterator[_Change]:
     """(scalar parameter, new value) for everything that the claims say about this member and what is inside it."""
     span = claims[0][0].span
     part = instance.part(name)
@@ -177,7 +204,7 @@ def _changes(instance: Instance, name: str, claims: tuple[Claim, ...]) -> Iterat
     yield from _of_part(part, claims, span)
 
 
-def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple[str, Expr]]:
+def _of_part(part: Any, claims: tuple[Claim, ...], span: Span) -> Iterator[_Change]:
     match part:
         case ArrayPart():
             for item, (_, inner) in zip(part.items, element_claims(claims, part.shape), strict=True):
@@ -220,7 +247,7 @@ def _initial(name: str, span: Span, declared: Span) -> Fault:
     )
 
 
-def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[tuple[str, Expr]]:
+def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[_Change]:
     for entry, author, index in reversed(claims):
         for name, inner in entry.nested.items():
             made = author.build.parameters.get(f"{part.name}.{name}")
@@ -239,7 +266,7 @@ def _of_element(part: ElementPart, claims: tuple[Claim, ...]) -> Iterator[tuple[
             yield from _of_parameter(made, ((inner, author, () if inner.each else index),), inner.span)
 
 
-def _of_parameter(part: ParameterPart, claims: tuple[Claim, ...], span: Span) -> Iterator[tuple[str, Expr]]:
+def _of_parameter(part: ParameterPart, claims: tuple[Claim, ...], span: Span) -> Iterator[_Change]:
     if part.constant or (part.member is not None and any(entry.final for entry, _, _ in part.claims)):
         word = "constant" if part.constant else "final"
         raise Fault(NO_PARAMETER, f"`{part.name}` is {word}", span, "cannot be changed", others=[(part.origin.span, "declared here")])
@@ -252,17 +279,17 @@ def _of_parameter(part: ParameterPart, claims: tuple[Claim, ...], span: Span) ->
             yield _entry(part, subscripts, piece, author, names)
 
 
-def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span) -> Iterator[tuple[str, Expr]]:
+def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span) -> Iterator[_Change]:
     value = claimed_value(claim)
     if kind_of(value) != "number" or (shape_of(value) and shape_of(value) != part.shape):
         what = shown_shape(shape_of(value)) if kind_of(value) == "number" else "no number"
-        raise Fault(
-            NO_PARAMETER,
-            f"`{part.name}` is {shown_shape(part.shape)}, its new value {what}",
-            span,
-            what,
-            others=[(part.origin.span, "declared here")],
-        )
+        message = f"`{part.name}` is {shown_shape(part.shape)}, its new value {what}"
+        fault = Fault(NO_PARAMETER, message, span, what, others=[(part.origin.span, "declared here")])
+        if not part.open_shape or kind_of(value) != "number" or len(shape_of(value)) != len(part.shape):
+            raise fault
+        _check_constant(value, span)
+        yield part.name, _Resized(value, fault)
+        return
     _check_constant(value, span)
     yield from zip(names, spread(value, part.shape, span, part.name) or (), strict=True)
 

@@ -198,6 +198,7 @@ def _settle_shape(part: ParameterPart, value: Value, span: Span) -> None:
         if not isinstance(dim, ast.Colon) and author is not None and evaluate_integer(dim, author) != size:
             raise Fault(TYPE, f"`{part.name}` has another size than its value, {shown_shape(shape)}", span, "")
     part.shape = shape
+    part.structural |= 0 in shape  # an empty array matters by its size alone
     part.value = None
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from bgdsl.diagnostics import Reporter
 from bgdsl.expr import Expr
-from bgdsl.ir.graph import Experiment, Parameter
+from bgdsl.ir.graph import Experiment, Parameter, array_of_entry, scalar_names
 from bgdsl.simulate.options import evaluated
 
 
@@ -23,21 +23,34 @@ def structural_changes(
     """The structural parameters that the run changes, each with its value. Empty where the model has been flattened with these."""
     owner = {name: parameter for parameter in parameters for name in parameter.scalars()}
     whole = {parameter.name: parameter for parameter in parameters if parameter.shape}
-    said = _said_by(experiments, experiment)
+    chosen = _chosen(experiments, experiment)
     given: dict[str, Any] = {name: value for name, value in changes.items() if name in whole and whole[name].structural}
-    hidden = {name for array in given for name in whole[array].scalars()}
-    wanted = [name for name in {**said, **changes} if name in owner and owner[name].structural and name not in hidden]
-    if wanted:
-        formulas: dict[str, Expr | float] = {}
-        for parameter in parameters:
-            formulas |= zip(parameter.scalars(), parameter.values, strict=True)
-        formulas |= said
-        formulas |= {name: float(value) for name, value in _scalars(changes, whole) if name in owner}
-        report = Reporter()
-        values = evaluated({name: _plain(value) for name, value in formulas.items()}, {}, owner, report)
-        report.stop_if_errors()
-        given |= {name: values[name] for name in wanted if not _stands(owner[name], name, values[name])}
-    return given
+    said = {name: value for name, value in (chosen.changes if chosen else {}).items() if array_of_entry(name) not in given}
+    resized = {name: found for name, found in (chosen.resized if chosen else {}).items() if name not in given}
+    wanted = [name for name in {**said, **changes} if name in owner and owner[name].structural and array_of_entry(name) not in resized]
+    if not wanted and not resized:
+        return given
+    formulas: dict[str, Expr | float] = {}
+    for parameter in parameters:
+        formulas |= zip(parameter.scalars(), parameter.values, strict=True)
+    formulas |= said
+    for name, (shape, items) in resized.items():
+        formulas |= zip(scalar_names(name, shape), items, strict=True)
+        owner |= dict.fromkeys(scalar_names(name, shape), whole[name])
+    formulas |= {name: float(value) for name, value in _scalars(changes, whole) if name in owner}
+    report = Reporter()
+    values = evaluated({name: _plain(value) for name, value in formulas.items()}, {}, owner, report)
+    report.stop_if_errors()
+    given |= {name: values[name] for name in wanted if not _stands(owner[name], name, values[name])}
+    return given | {name: _nested([values[entry] for entry in scalar_names(name, shape)], shape) for name, (shape, _) in resized.items()}
+
+
+def _nested(numbers: Sequence[float], shape: Sequence[int]) -> tuple[Any, ...]:
+    """An array as tuples in tuples, from its entries row-major."""
+    if len(shape) == 1:
+        return tuple(numbers)
+    step = len(numbers) // shape[0] if shape[0] else 0
+    return tuple(_nested(numbers[i * step : (i + 1) * step], shape[1:]) for i in range(shape[0]))
 
 
 def _stands(parameter: Parameter, name: str, value: float) -> bool:
@@ -46,11 +59,11 @@ def _stands(parameter: Parameter, name: str, value: float) -> bool:
     return default.op == "const" and default.data == value
 
 
-def _said_by(experiments: Iterable[Experiment], name: str | None) -> Mapping[str, Expr]:
-    """The changes of the experiment of that name, without a name of the only one."""
+def _chosen(experiments: Iterable[Experiment], name: str | None) -> Experiment | None:
+    """The experiment of that name, without a name the only one."""
     known = list(experiments)
     alone = name is None and len(known) == 1
-    return next((item.changes for item in known if alone or item.name == name), {})
+    return next((item for item in known if alone or item.name == name), None)
 
 
 def _scalars(changes: Mapping[str, Any], whole: Mapping[str, Parameter]) -> Iterable[tuple[str, float]]:

@@ -151,3 +151,64 @@ def test_terms_are_measured_of_the_model_as_it_is_written() -> None:
         with pytest.raises(BgError, match="BG614"):
             model.activity(experiment, changes)
     assert {term.name for junction in model.activity("same").junctions for term in junction.terms} >= {"a[1]", "a[2]"}
+
+
+CHOSEN = """
+model Plain
+  port in Generic a;  parameter Real r = 1;  R law(R = r);
+equation
+  a -> law;
+end Plain;
+model Worn
+  extends Plain(r = 10);
+end Worn;
+model Car
+  parameter Integer worn[:] = {2};  parameter Real free[:] = {1, 2};
+  J1 v;  Se s(e = 1);  I m(I = 0.001);
+  Plain part[3];
+  redeclare Worn part[worn];
+  output Real total = s.e/v.f;
+  experiment plain(stopTime = 1);
+  experiment two(stopTime = 1, worn = {1, 3});
+  experiment none(stopTime = 1, worn = fill(1, 0));
+  experiment again extends two(worn = {3});
+  experiment by(stopTime = 1, worn = {1, 2, free[1] + 2}, free[1] = 1);
+%s
+equation
+  s -> v;  v -> m;
+  for i in 1:3 loop v -> part[i].a; end for;
+end Car;
+"""
+
+
+@pytest.mark.parametrize(
+    ("experiment", "changes", "wanted"),
+    [
+        ("plain", {}, 12.0),
+        ("two", {}, 21.0),
+        ("again", {}, 12.0),
+        ("by", {}, 30.0),
+        ("plain", {"worn": (1, 2, 3)}, 30.0),
+        ("plain", {"worn[1]": 3}, 12.0),
+        ("two", {"worn": (2,)}, 12.0),
+        ("two", {"part[1].r": 100.0}, 111.0),
+    ],
+)
+def test_a_run_chooses_which_elements_are_of_another_class(experiment: str, changes: dict[str, Any], wanted: float) -> None:
+    run = pipeline.loads(CHOSEN % "", "Car").compile().simulate(experiment, changes)
+    assert float(run["total"][-1]) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_only_what_shapes_the_model_gets_another_size() -> None:
+    found = pipeline.check_source(Source("c.bg", CHOSEN % "  experiment wrong(free = {1, 2, 3});"), model="Car")
+    assert [d.message for d in found] == ["`free` is a vector of 2, its new value a vector of 3"]
+    found = pipeline.check_source(Source("c.bg", CHOSEN % "  experiment wrong(worn = {1, 4});"), model="Car")
+    assert [d.message for d in found] == ["there is no such element of `part`"]
+
+
+def test_an_empty_choice_can_be_filled() -> None:
+    text = (CHOSEN % "").replace("worn[:] = {2}", "worn[:] = fill(1, 0)")
+    assert [d.message for d in pipeline.check_source(Source("c.bg", text), model="Car") if d.severity == "error"] == []
+    system = pipeline.loads(text, "Car").compile()
+    found = [float(system.simulate(name)["total"][-1]) for name in ("plain", "two", "none")]
+    assert found == pytest.approx([3.0, 21.0, 3.0], rel=1e-4)

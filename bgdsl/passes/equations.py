@@ -390,7 +390,7 @@ def _bond_power(bond: Bond, components: tuple[int, ...] | None = None) -> Expr:
 
 
 def _alias_loops(work: _Work) -> None:
-    """A variable whose aliases lead back to it is an unknown, and what they say of it an equation."""
+    """A variable whose value reads itself is an unknown, and its value an equation."""
     graph = work.scalar.graph
     if work.values.loops:
         origins = {thing.name: thing.origin for things in (graph.junctions, graph.elements) for thing in things}

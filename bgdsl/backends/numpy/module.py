@@ -224,7 +224,8 @@ def _initial_lines(program: Program, names: Names) -> Iterator[str]:
 
 def _dependent_lines(program: Program, names: Names, checked: Sequence[tuple[str, Expr, Expr]]) -> Iterator[str]:
     speller = Speller(program, names, program.steps, [part for _, value, start in checked for part in (value, start)])
-    if program.inputs and any(node.op == "var" and node.data in {r.name for r in program.inputs} for node in speller.seen):
+    inputs = {record.name for record in program.inputs}
+    if inputs and any(node.op == "var" and node.data in inputs for node in speller.seen):
         return
     yield "x = x0"
     speller.fetch()

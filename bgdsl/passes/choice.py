@@ -71,11 +71,23 @@ def _classes_used(model: ast.Model) -> Iterator[str]:
 
 
 def is_part(library: Library, name: str) -> bool:
-    """Whether a model is made to be used by others: it has ports, or parameters without a value."""
+    """Whether a model is made to be used by others: it has ports, or parameters without a value; or it has no experiment and is a
+    part of others of its file, for whom it is to say what its inputs, open junctions and sources get."""
     names = Names(library, Reporter())
     node = next((model for model in library.models() if model.name == name), None)
     cls = names.make(Resolved(name, node, names.file_scope(library.main))) if node is not None else None
-    return cls is not None and any(_is_open(member) for member in cls.members.values())
+    if node is None or cls is None:
+        return False
+    runs = any(isinstance(item, ast.Experiment) for item in node.items)
+    return any(_is_open(member) for member in cls.members.values()) or (not runs and _is_component(library, name))
+
+
+def _is_component(library: Library, name: str) -> bool:
+    """Whether a model of the main file has parts of this class."""
+    models = [item for item in library.main.tree.items if isinstance(item, ast.Model)]
+    bases = (item.base for model in models for item in model.items if isinstance(item, ast.Extends))
+    mentioned = [used for model in models for used in _classes_used(model)]
+    return mentioned.count(name) > sum(base.parts[0].name == name for base in bases)
 
 
 def _is_open(member: Member) -> bool:

@@ -145,7 +145,7 @@ def check_connected(build: Build, root: Instance) -> None:
         match part:
             case ElementPart():
                 _check_element(build, part)
-            case JunctionPart() if not part.joined:
+            case JunctionPart() if not (part.joined or (part.open and build.part and owner is root)):
                 _missing(build, f"no bond ends at junction `{part.name}`", part.origin, "nothing joined")
             case PortPart() if not owner.cls.is_element:
                 _check_side(build, part, part.inside, "inside", part.origin)

@@ -139,7 +139,7 @@ def element_claims(claims: Sequence[Claim], shape: tuple[int, ...]) -> Iterator[
         said = tuple((entry, author, (*before, *index)) for entry, author, before in claims)
         if special:
             said = tuple(claim for parts, whole in zip(chosen, said, strict=True) for claim in (*parts.get(spot, ()), whole))
-            check_final([entry for entry, _, _ in said if entry.says_something], _element(claims[0][0].name, spot))
+            check_final([entry for entry, _, _ in said if entry.says_something], element_name(claims[0][0].name, spot))
         yield spot, said
 
 
@@ -148,7 +148,7 @@ def _of_chosen(claim: Claim, shape: tuple[int, ...]) -> dict[Spot, list[Claim]]:
     entry, author, before = claim
     found: dict[Spot, list[Claim]] = {}
     for subscripts, part in entry.parts:
-        for spot, index in _chosen(part, subscripts, author, shape):
+        for spot, index in chosen_elements(part, subscripts, author, shape):
             found.setdefault(spot, []).append((part, author, () if part.each else (*before, *index)))
     for spot, parts in found.items():
         if len(parts) > 1 or entry.redeclared:
@@ -156,7 +156,7 @@ def _of_chosen(claim: Claim, shape: tuple[int, ...]) -> dict[Spot, list[Claim]]:
     return found
 
 
-def _chosen(
+def chosen_elements(
     part: Modification, subscripts: tuple[ast.Expression, ...], author: Context, shape: tuple[int, ...]
 ) -> Iterator[tuple[Spot, Index]]:
     """The elements that subscripts choose, each with its positions (one for each subscript that is not a single index)."""
@@ -182,6 +182,23 @@ def _no_element(part: Modification, where: Span, shape: tuple[int, ...], *notes:
     return Fault(ARRAY_SIZE, f"there is no such element of `{part.name}`", where, f"it is an array of {sizes}", notes=notes)
 
 
+def chosen_entries(claim: Claim, shape: tuple[int, ...]) -> Iterator[tuple[Spot, Value]]:
+    """What a claim says of single entries of an array of numbers: their places and their new values."""
+    entry, author, before = claim
+    first: dict[Spot, Modification] = {}
+    for subscripts, piece in entry.parts:
+        if piece.value is None:
+            raise Fault(ARRAY_SIZE, f"an entry of `{entry.name}` has a value, and nothing else of its own", piece.span, "no value")
+        for spot, index in chosen_elements(piece, subscripts, author, shape):
+            if spot in first:
+                raise _twice(element_name(entry.name, spot), "modified", piece, first[spot])
+            first[spot] = piece
+            value = claimed_value((piece, author, () if piece.each else (*before, *index)))
+            if shape_of(value):
+                raise Fault(ARRAY_SIZE, f"`{element_name(entry.name, spot)}` is a single value", piece.span, shown_shape(shape_of(value)))
+            yield spot, value
+
+
 def _check_apart(entry: Modification, parts: Sequence[Claim], spot: Spot) -> None:
     """No two of the things that one place says about one element say the same thing of it; nor is it redeclared one way as one of
     all and another way as itself."""
@@ -189,16 +206,15 @@ def _check_apart(entry: Modification, parts: Sequence[Claim], spot: Spot) -> Non
     for part, _, _ in parts:
         for path, change in _settings(part):
             if path in first:
-                name = _element(entry.name, spot)
+                name = element_name(entry.name, spot)
                 what = "redeclared" if path == ("redeclare",) else "modified"
-                raise Fault(
-                    MODIFIED_TWICE,
-                    f"`{'.'.join((name, *path)) if what == 'modified' else name}` is {what} twice in one place",
-                    change.span,
-                    "again here",
-                    others=[(first[path].span, f"first {what} here")],
-                )
+                raise _twice(".".join((name, *path)) if what == "modified" else name, what, change, first[path])
             first[path] = change
+
+
+def _twice(name: str, what: str, again: Modification, first: Modification) -> Fault:
+    message = f"`{name}` is {what} twice in one place"
+    return Fault(MODIFIED_TWICE, message, again.span, "again here", others=[(first.span, f"first {what} here")])
 
 
 def _settings(root: Modification) -> Iterator[tuple[tuple[str, ...], Modification]]:
@@ -213,7 +229,8 @@ def _settings(root: Modification) -> Iterator[tuple[tuple[str, ...], Modificatio
         stack += [((*path, name), inner) for name, inner in entry.nested.items()]
 
 
-def _element(name: str, spot: Spot) -> str:
+def element_name(name: str, spot: Spot) -> str:
+    """`name[2,1]`, for the element at `spot`."""
     return f"{name}[{','.join(str(i + 1) for i in spot)}]"
 
 

@@ -15,8 +15,8 @@ from typing import Any
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import Expr
 from bgdsl.ir.graph import Experiment, Origin, array_of_entry, scalar_names
-from bgdsl.passes.claims import claimed_value, element_claims
-from bgdsl.passes.elaborate import evaluate, evaluate_integer
+from bgdsl.passes.claims import chosen_entries, claimed_value, element_claims, element_name
+from bgdsl.passes.elaborate import evaluate
 from bgdsl.passes.modifications import Modification
 from bgdsl.passes.names import UNKNOWN_TARGET
 from bgdsl.passes.parameters import spread
@@ -272,11 +272,12 @@ def _of_parameter(part: ParameterPart, claims: tuple[Claim, ...], span: Span) ->
         raise Fault(NO_PARAMETER, f"`{part.name}` is {word}", span, "cannot be changed", others=[(part.origin.span, "declared here")])
     names = scalar_names(part.name, part.shape)
     for claim in reversed(claims):
-        entry, author, _ = claim
+        entry = claim[0]
         if entry.value is not None:
             yield from _whole(part, claim, names, span)
-        for subscripts, piece in entry.parts:
-            yield _entry(part, subscripts, piece, author, names)
+        for spot, value in chosen_entries(claim, part.shape):
+            _check_constant(value, entry.parts[0][1].span)
+            yield element_name(part.name, spot), value
 
 
 def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span) -> Iterator[_Change]:
@@ -292,20 +293,6 @@ def _whole(part: ParameterPart, claim: Claim, names: tuple[str, ...], span: Span
         return
     _check_constant(value, span)
     yield from zip(names, spread(value, part.shape, span, part.name) or (), strict=True)
-
-
-def _entry(
-    part: ParameterPart, subscripts: tuple[ast.Expression, ...], piece: Modification, author: Context, names: tuple[str, ...]
-) -> tuple[str, Expr]:
-    at = [evaluate_integer(subscript, author) for subscript in subscripts]
-    name = f"{part.name}[{','.join(map(str, at))}]"
-    if name not in names or piece.value is None:
-        raise Fault(UNKNOWN_TARGET, f"there is no entry `{name}`", piece.span, f"`{part.name}` is {shown_shape(part.shape)}")
-    value = evaluate(piece.value, author)
-    if not isinstance(value, Expr):
-        raise Fault(NO_PARAMETER, f"`{name}` is a number", piece.span, "")
-    _check_constant(value, piece.span)
-    return name, value
 
 
 def _check_constant(value: Any, span: Span) -> None:

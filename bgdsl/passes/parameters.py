@@ -17,12 +17,10 @@ import numpy as np
 from bgdsl.diagnostics import Code, did_you_mean
 from bgdsl.expr import ONE, Expr, const, param
 from bgdsl.ir.graph import Parameter, scalar_names
-from bgdsl.passes.claims import attribute, claimed_value
-from bgdsl.passes.elaborate import evaluate as evaluate_expression
+from bgdsl.passes.claims import attribute, chosen_entries, claimed_value
 from bgdsl.passes.elaborate import evaluate_integer
-from bgdsl.passes.instantiate import SIZE
 from bgdsl.passes.names import UNKNOWN_TARGET
-from bgdsl.passes.parts import CYCLE, NO_VALUE, Build, Context, Fault, ParameterPart, Reported
+from bgdsl.passes.parts import CYCLE, NO_VALUE, Build, Claim, Fault, ParameterPart, Reported
 from bgdsl.passes.shapes import Value, array_of, entries, leaves_of, parameters_of, shape_of, shown_shape, unknowns_of
 from bgdsl.passes.values import kind_of
 from bgdsl.source import Span
@@ -122,16 +120,16 @@ def _binding(build: Build, part: ParameterPart) -> tuple[Value, Span]:
     if part.name in build.overrides:
         build.used.add(part.name)
         return _overridden(build, part, _lifted(build.overrides[part.name], part)), part.origin.span
-    pieces = []
+    pieces: list[Claim] = []
     for claim in part.claims:
-        entry, author, _ = claim
-        pieces += [(subscripts, piece, author) for subscripts, piece in entry.parts]
+        entry = claim[0]
+        pieces.append(claim)
         if entry.value is not None:
             value = claimed_value(claim)
             if part.shape and part.member is None and not shape_of(value):
                 value = array_of([value] * int(np.prod(part.shape)), part.shape)
-            for subscripts, piece, writer in reversed(pieces):
-                value = _replaced(value, subscripts, piece.value, piece.span, writer)
+            for piece in reversed(pieces):
+                value = _replaced(value, piece)
             return _overridden(build, part, value), entry.value.span
     if build.part and not part.constant and part.type in ("Real", "Integer", "Boolean"):
         part.nominal = True
@@ -159,8 +157,28 @@ def _lifted(value: Any, part: ParameterPart) -> Value:
         return value
     if isinstance(value, bool | int | float | np.number):
         return const(float(value))
-    numbers = np.asarray(value, dtype=float)
+    numbers = _numbers(value)
+    if numbers is None:
+        raise Fault(TYPE, f"`{value}` is no array of numbers for `{part.name}`", part.origin.span, "declared here")
     return array_of([const(number) for number in numbers.flat], numbers.shape)
+
+
+def _numbers(value: Any) -> np.ndarray[Any, Any] | None:
+    """A number or nested sequences of numbers as an array; None for anything else, and for rows of unequal lengths."""
+    try:
+        found = np.asarray(value)
+    except ValueError:
+        return None
+    return found.astype(float) if found.dtype.kind in "bif" and found.size else None
+
+
+def given_numbers(value: Any, name: str, shape: tuple[int, ...], span: Span) -> tuple[Expr, ...]:
+    """A value from outside as the entries of an array of this shape; one number fills it."""
+    numbers = _numbers(value)
+    if numbers is None or numbers.shape not in ((), shape):
+        wanted = f"{shown_shape(shape)} of numbers" if shape else "a number"
+        raise Fault(TYPE, f"`{name}` is {wanted}, its value is `{value}`", span, "declared here")
+    return tuple(const(number) for number in np.broadcast_to(numbers, shape).flat)
 
 
 def _overridden(build: Build, part: ParameterPart, value: Value) -> Value:
@@ -172,17 +190,17 @@ def _overridden(build: Build, part: ParameterPart, value: Value) -> Value:
     for i, name in enumerate(scalar_names(part.name, shape)):
         if name in build.overrides:
             build.used.add(name)
-            changed.flat[i] = const(float(build.overrides[name]))
+            (changed.flat[i],) = given_numbers(build.overrides[name], name, (), part.origin.span)
     return changed
 
 
-def _replaced(value: Value, subscripts: tuple[ast.Expression, ...], piece: ast.Expression | None, span: Span, author: Context) -> Value:
-    shape = shape_of(value)
-    at = tuple(evaluate_integer(subscript, author) - 1 for subscript in subscripts)
-    if piece is None or len(at) != len(shape) or any(not 0 <= i < n for i, n in zip(at, shape, strict=True)):
-        raise Fault(SIZE, "there is no such entry to modify", span, f"it is {shown_shape(shape)}")
-    changed = value.copy()
-    changed[at] = evaluate_expression(piece, author)
+def _replaced(value: Value, claim: Claim) -> Value:
+    """The value with what a claim says of single entries; the first of two that say something of one entry holds."""
+    if not claim[0].parts:
+        return value
+    changed = value.copy() if shape_of(value) else value
+    for spot, new in chosen_entries(claim, shape_of(value)):
+        changed[spot] = new
     return changed
 
 

@@ -42,6 +42,7 @@ class Seen:
         self.parameters = {p.name: [to_text(x) for x in p.values] for p in graph.parameters}
         self.equations = [f"{to_text(e.left)} = {to_text(e.right)}" for e in graph.equations]
         self.bonds = {b.name: (b.tail.node, b.head.node) for b in graph.bonds}
+        self.changes = {e.name: {name: to_text(x) for name, x in e.changes.items()} for e in graph.experiments}
         self.starts = {name: to_text(x) for e in graph.elements for name, x in e.starts.items()}
 
 

@@ -158,3 +158,45 @@ def test_what_is_said_in_parts_adds_up(seen, said: str) -> None:
     got = seen(text % said, "T").parameters
     assert [got[f"x[{i}].m.a"] for i in (1, 2)] == [["9"], ["9"]]
     assert got["x[1].m.b"] == ["3"]
+
+
+ENTRIES = "model Mid\n parameter Real g[4] = {1, 2, 3, 4};\nend Mid;\n"
+
+
+@pytest.mark.parametrize(
+    ("said", "wanted"),
+    [
+        ("g[2] = 9", "1 9 3 4"),
+        ("g[2:3] = {8, 9}", "1 8 9 4"),
+        ("g[{4, 1}] = {8, 9}", "9 2 3 8"),
+        ("each g[3:end] = 0", "1 2 0 0"),
+        ("g[2] = 9, g[3] = 8", "1 9 8 4"),
+        ("g = {5, 6, 7, 8}, g[1] = 0", "0 6 7 8"),
+    ],
+)
+def test_entries_are_chosen_like_elements(seen, said: str, wanted: str) -> None:
+    assert seen(f"{ENTRIES}model T\n Mid x({said});\nend T;\n", "T").parameters["x.g"] == wanted.split()
+    got = seen(f"{ENTRIES}model T\n Mid x;\n experiment e(x({said}));\nend T;\n", "T")
+    assert got.changes["e"] == {f"x.g[{i}]": v for i, (v, old) in enumerate(zip(wanted.split(), "1234", strict=True), 1) if v != old}
+
+
+def test_entries_in_an_array_of_parts_are_indexed(seen) -> None:
+    got = seen(f"{ENTRIES}model T\n Mid x[2](g[1] = {{8, 9}}, each g[2] = 7, g[3:4] = {{{{1, 2}}, {{5, 6}}}});\nend T;\n", "T").parameters
+    assert (got["x[1].g"], got["x[2].g"]) == (["8", "7", "1", "2"], ["9", "7", "5", "6"])
+
+
+@pytest.mark.parametrize(
+    ("said", "wrong"),
+    [
+        ("g[5] = 1", "BG222]: there is no such element of `g`"),
+        ("g[1, 2] = 1", "BG222]: there is no such element of `g`"),
+        ("g[1:2] = 1", "BG222]: `g` of an array of 2 is modified with one value"),
+        ("g[1] = {1, 2}", r"BG222]: `g\[1\]` is a single value"),
+        ("g[1](min = 0)", "BG222]: an entry of `g` has a value, and nothing else"),
+        ("g[1] = 2, g[1:2] = {3, 4}", r"BG223]: `g\[1\]` is modified twice in one place"),
+    ],
+)
+def test_entries_that_are_not_there(flat, said: str, wrong: str) -> None:
+    for text in (f"Mid x({said});", f"Mid x; experiment e(x({said}));"):
+        with pytest.raises(BgError, match=wrong):
+            flat(f"{ENTRIES}model T\n {text}\nend T;\n", "T")

@@ -35,9 +35,10 @@ NO_PARTITIONS = Code("BG745", "a folder holds no partitions")
 PLAYBACK_POINTS = 20_000
 """A driving run is recorded at no fewer points than this, so that interpolating between them adds less than the integrator's error."""
 
-START, START_POINTS = 0.01, 2000
-"""The first hundredth of a driving run is recorded at so many points: a run that does not begin at rest begins with its quickest
-modes, and an impulse that is missed there rings on in the driven part."""
+START, GROWTH = 5e-6, 0.02
+"""The first points of a driving run's record are so far apart (in shares of the run), and from there on farther by so much of the time
+that has passed: a run that does not begin at rest begins with its quickest modes, and an impulse that is missed there rings on in the
+driven part."""
 
 STEPS = 4.0
 """A driven run's steps are at most so many times as long as its drivers' were on average: what moves the driven part is no quicker
@@ -162,9 +163,13 @@ def recording_times(stop: float, interval: float, until: float | None = None) ->
     until: the end of a first slice of the run."""
     import numpy as np
 
-    fine = START * stop
-    count = math.ceil(((until or stop) - fine) / interval * (1 - 1e-9))
-    return np.concatenate((np.linspace(0.0, fine, START_POINTS, endpoint=False), np.linspace(fine, until or stop, count + 1)))
+    end, first = until or stop, min(START * stop, interval)
+    grown = math.log(interval / first)
+    begin = first / GROWTH * np.expm1(np.linspace(0.0, grown, math.ceil(grown / GROWTH), endpoint=False))
+    reached = (interval - first) / GROWTH
+    if reached >= end:
+        return np.append(begin[begin < end - first / 2], end)
+    return np.concatenate((begin, np.linspace(reached, end, math.ceil((end - reached) / interval * (1 - 1e-9)) + 1)))
 
 
 # ------------------------------------------------------------------------------------------------------------ one by one

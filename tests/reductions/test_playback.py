@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from bgdsl import pipeline
 from bgdsl.diagnostics import BgError
-from bgdsl.playback import START, START_POINTS, at, play
+from bgdsl.playback import GROWTH, START, at, play, recording_times
 from bgdsl.reduce import Scenario, condition, measure, partition
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -56,7 +57,18 @@ def test_at_the_same_time_the_start_of_a_drive_is_recorded_as_finely() -> None:
     settings = {"stop": 1.0, "tolerance": 1e-8, "interval": 2e-4}
     in_turn, together = (play(ENGINE, Scenario("balanced", None, settings), together=each) for each in (False, True))
     for result in (in_turn, together):
-        assert np.diff(result.time[result.time <= START]).max() < 1.01 * START / START_POINTS
+        assert np.diff(result.time)[:10].max() < 1.3 * START
     for name in ("front_mount_force[1]", "right_rear_mount_force[1]"):
         one = in_turn.signals[name]
         assert np.abs(at(in_turn.time, together, name) - one).max() < 5e-4 * np.abs(one).max()
+
+
+@pytest.mark.parametrize(("stop", "interval", "until"), [(1.0, 4e-4, None), (5.0, 1e-2, 0.3125), (1.0, 4e-4, 0.01), (2.0, 1e-6, None)])
+def test_a_record_begins_fine_and_goes_on_at_the_interval(stop: float, interval: float, until: float | None) -> None:
+    times = recording_times(stop, interval, until)
+    steps = np.diff(times)
+    assert times[0] == 0.0 and times[-1] == (until or stop) and steps.min() > 0.0
+    assert steps[0] <= 1.02 * START * stop and steps.max() <= 1.001 * interval
+    early = times[1:] < 0.5 * (interval - START * stop) / GROWTH
+    assert (steps[early] <= 1.05 * (START * stop + GROWTH * times[1:][early])).all()
+    assert len(times) < times[-1] / interval + math.log(max(1.0, interval / (START * stop))) / GROWTH + 3

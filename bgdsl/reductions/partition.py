@@ -146,13 +146,15 @@ def nearest_misses(
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """One partition's file: its name, its text, and the variables it reads and gives with the names they have there."""
+    """One partition's file: its name, its text, the variables it reads and gives with the names they have there, and where flat paths
+    of the model have gone (None: not here)."""
 
     file: str
     text: str
     partition: Partition
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
+    forward: Mapping[str, str | None]
 
 
 def write_partitions(
@@ -186,37 +188,38 @@ def _all_written(
     parts = [_part(scalar, result, partition, changed) for partition in result.partitions.partitions]
     asked = [needed(scalar, part) for part in parts]
     asked = [inputs if wanted is None or k in wanted else () for k, inputs in enumerate(asked)]
-    given = dict.fromkeys(v for inputs in asked for v in inputs)
-    giver = {
-        v: p.number for p in result.partitions.partitions for v in given if v not in asked[p.number] and _belongs(scalar, result, p, v)
-    }
-    passed = passed_names(scalar.graph, asked, lambda v: giver.get(v, -1))
+    homes = _homes(scalar, result.partitions)
+    passed = passed_names(scalar.graph, asked, lambda v: homes.get(v, -1))
     written = []
-    for partition, part, inputs in zip(result.partitions.partitions, parts, asked, strict=True):
+    for partition, part in zip(result.partitions.partitions, parts, strict=True):
         if wanted is not None and partition.number not in wanted:
             continue
-        gives = tuple(v for v in passed if v not in inputs and giver.get(v) == partition.number)
+        gives = tuple(v for v in passed if homes.get(v) == partition.number)
         model = f"{report.model}_{partition.number + 1}_{partition.role}"
         part = replace(part, outputs=gives, passed=passed)
         new = structured_text(scalar, part, provenance.annotation(), describing(report), folder=folder, name=model)
         file = f"{stem}_{partition.number + 1}_{partition.role}.bg"
-        written.append(Written(file, new.text, partition, new.inputs, new.outputs))
+        written.append(Written(file, new.text, partition, new.inputs, new.outputs, new.forward))
     return tuple(written)
 
 
-def _belongs(scalar: ScalarGraph, result: Partitioning, partition: Partition, variable: str) -> bool:
-    if variable in partition.signals:
-        return True
-    if any(scalar.junctions[j].variable == variable for j in partition.junctions):
-        return True
-    element = variable.rpartition(".")[0]
-    return any(term.element == element and term.junction in partition.junctions for term in scalar.terms)
+def _homes(scalar: ScalarGraph, found: Partitions) -> dict[str, int]:
+    """The partition that has each variable: of junctions, signals, and elements at their junctions."""
+    homes = {scalar.junctions[j].variable: p.number for p in found.partitions for j in p.junctions}
+    homes |= {signal: p.number for p in found.partitions for signal in p.signals}
+    elements = {element.name: element for element in scalar.graph.elements}
+    for term in scalar.terms:
+        if term.element is not None and (term.other is None or term.modulus is not None):
+            port = elements[term.element].ports[term.port]
+            for letter in "efpq":
+                homes.setdefault(port.variable(term.element, letter, term.spot), found.of_node[term.junction])
+    return homes
 
 
 def partitions_for(scalar: ScalarGraph, result: Partitioning, variables: Iterable[str]) -> frozenset[int]:
     """The partitions that give these variables, and all that drive them."""
-    found = result.partitions.partitions
-    waiting = [p.number for v in variables for p in found if _belongs(scalar, result, p, v)]
+    found, homes = result.partitions.partitions, _homes(scalar, result.partitions)
+    waiting = [homes[v] for v in variables if v in homes]
     wanted: set[int] = set()
     while waiting:
         number = waiting.pop()

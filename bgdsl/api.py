@@ -82,10 +82,12 @@ class Model(pipeline.Model):
         parameters: Mapping[str, Any] | None = None,
         guard: bool = True,
         outputs: Sequence[str] | None = None,
+        shaft: str | None = None,
         folder: str | Path | None = None,
         **more: Any,
     ) -> Reduced:
-        """The model without terms below `threshold`, or the smallest whose `outputs` err by no more than `max_error`.
+        """The model without terms below `threshold`, or the smallest whose `outputs` err by no more than `max_error` (at equal angles
+        of `shaft`, if one is named).
 
         Both are fractions of one, a threshold up to 1. ValueError unless exactly one of the two is given, or where no reduction stays
         within the error.
@@ -101,7 +103,7 @@ class Model(pipeline.Model):
         if threshold is not None:
             return reduce.condition(measured, threshold, guard=guard, folder=place)
         assert max_error is not None
-        found = smallest(measured, max_error, guard=guard, outputs=outputs, folder=place).reduced
+        found = smallest(measured, max_error, guard=guard, outputs=outputs, folder=place, shaft=shaft).reduced
         if found is None:
             raise ValueError(f"no reduction stays within {100 * max_error:g} %")
         return found

@@ -32,7 +32,7 @@ LOOSEST = 1e-4
 NOISE = 0.05
 """What a looser tolerance may change, as a share of the error allowed."""
 
-MOST_STEPS = 20
+MOST_STEPS = 4
 """A trial that takes so many times the steps of the full model is given up."""
 
 

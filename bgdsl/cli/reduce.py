@@ -210,6 +210,9 @@ def _search_document(found: Measured, result: Searched, allowed: float, output: 
 COSTLY_SHOWN = 12
 """Lines of the table of terms that stay."""
 
+DIFFERS = 0.05
+"""By such a share of the error allowed may what was tried and what was written differ, and it is not worth a word."""
+
 
 def _search_told(result: Searched, allowed: float, output: Path) -> None:
     search, full = result.search, result.full
@@ -231,6 +234,8 @@ def _search_told(result: Searched, allowed: float, output: Path) -> None:
     console.out(f"\n{output}: {len(result.reduced.decision.dropped)} of {terms} terms dropped, {search.trials} models tried")
     for reason in result.reduced.rewrite.reasons:
         console.message(f"written as one flat model: {reason}")
+    if search.best is not None and abs(search.best.error - result.accuracy.worst) > DIFFERS * allowed:
+        console.message(f"tried at a looser tolerance its error was {_percent(search.best.error)}")
     console.out(_accuracy(result.accuracy))
     console.out(_saved(result.accuracy))
 

@@ -56,7 +56,7 @@ Shaft = Annotated[
 
 
 def settings(texts: Iterable[str] | None) -> dict[str, Any]:
-    """`path=value` texts as a mapping; values are numbers, true/false, arrays `{1,2}` or `[1,2]`, else strings."""
+    """`path=value` texts as a mapping; values are numbers, true/false, arrays `{1,2}`, matrices `[1,2;3,4]`, else strings."""
     result: dict[str, Any] = {}
     for text in texts or ():
         path, sign, value = text.partition("=")
@@ -69,7 +69,9 @@ def settings(texts: Iterable[str] | None) -> dict[str, Any]:
 def _value(text: str) -> Any:
     if text in ("true", "false"):
         return text == "true"
-    if text[0] in "{[" and text[-1] in "}]":
+    if text[0] + text[-1] == "[]" and len(rows := _parts(text[1:-1], ";")) > 1:
+        return tuple(tuple(_value(entry) for entry in _parts(row)) for row in rows)
+    if text[0] + text[-1] in ("{}", "[]"):
         return tuple(_value(part) for part in _parts(text[1:-1]))
     try:
         number = float(text)
@@ -80,12 +82,12 @@ def _value(text: str) -> Any:
     return number
 
 
-def _parts(text: str) -> list[str]:
-    """The comma-separated parts at the outer level of brackets."""
+def _parts(text: str, separator: str = ",") -> list[str]:
+    """The separated parts at the outer level of brackets."""
     parts, depth = [""], 0
     for character in text:
         depth += (character in "{[") - (character in "}]")
-        if character == "," and depth == 0:
+        if character == separator and depth == 0:
             parts.append("")
         else:
             parts[-1] += character

@@ -13,13 +13,13 @@ from __future__ import annotations
 from functools import cache
 
 from bgdsl.diagnostics import Code
-from bgdsl.expr import ZERO, Expr, add, const, leaves, param
+from bgdsl.expr import ZERO, Expr, add, leaves, param
 from bgdsl.ir.elements import Kind, component
-from bgdsl.ir.graph import Element, Law, Port
+from bgdsl.ir.graph import Element, Law, Port, scalar_names
 from bgdsl.passes.claims import attribute, check_final, check_targets, claimed_value, nested
 from bgdsl.passes.law_checks import Rows, check_rows
 from bgdsl.passes.names import UNKNOWN_TARGET
-from bgdsl.passes.parameters import spread, unit_of
+from bgdsl.passes.parameters import given_numbers, spread, unit_of
 from bgdsl.passes.parts import Build, Claim, ElementPart, Fault, ParameterPart, Reported
 from bgdsl.passes.shapes import Value, entries, leaves_of, shape_of, shown_shape, unknowns_of, vector
 from bgdsl.passes.values import diagonal, full, kind_of
@@ -126,11 +126,7 @@ def _as_parameter(build: Build, part: ElementPart, name: str, value: Value, clai
     if len(shape_of(value)) > 1 or any(unknowns_of(item) for item in entries(value)):
         return value
     made = ParameterPart(path, "Real", shape_of(value), None, (claim,), part.origin, state="done")
-    made.values = entries(value)
-    if path in build.overrides:
-        build.used.add(path)
-        given = build.overrides[path]
-        made.values = tuple(const(float(x)) for x in (given if isinstance(given, tuple | list) else [given] * len(made.values)))
+    made.values = _overridden(build, path, made.shape, entries(value), part.member.span)
     if claim[0].nested:
         made.unit = unit_of((claim,), made.shape)
         made.low = spread(attribute((claim,), "min"), made.shape, claim[0].span, "min")
@@ -139,6 +135,20 @@ def _as_parameter(build: Build, part: ElementPart, name: str, value: Value, clai
     build.parameters[path] = made
     made.value = leaves_of(param, path, made.shape) if made.shape else param(path)
     return made.value
+
+
+def _overridden(build: Build, path: str, shape: tuple[int, ...], values: tuple[Expr, ...], span: Span) -> tuple[Expr, ...]:
+    """The values of an element's parameter, or what was set from outside in place of all or of single ones."""
+    overrides = build.overrides
+    if path in overrides:
+        build.used.add(path)
+        values = given_numbers(overrides[path], path, shape, span)
+    if not overrides or not shape:
+        return values
+    names = scalar_names(path, shape)
+    single = {name: given_numbers(overrides[name], name, (), span)[0] for name in names if name in overrides}
+    build.used |= single.keys()
+    return tuple(single.get(name, value) for name, value in zip(names, values, strict=True))
 
 
 def element_parameter(build: Build, part: ElementPart, name: str, span: Span) -> Value:

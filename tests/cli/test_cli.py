@@ -71,6 +71,10 @@ def test_as_a_module() -> None:
         ("fmt", "empty"),
         ("check", LEVER, "--path", "nowhere"),
         ("check", LEVER, "--set", "mA=nan"),
+        ("check", LEVER, "--set", "springA.k=abc"),
+        ("check", LEVER, "--set", "springA.k={1,2}"),
+        ("check", LEVER, "--set", "mA={1,{2}}"),
+        ("check", LEVER, "--set", "mA=[1,2;3,4]"),
         ("simulate", LEVER, "--vars", ""),
         ("compile", LEVER, "-o", "empty"),
         ("compile", LEVER, "-o", "notes.txt/lever.py"),
@@ -91,7 +95,7 @@ def test_what_cannot_be_done_says_so(bgc: Callable[..., Result], arguments: tupl
     before = sorted(tmp_path.iterdir())
     result = bgc(*arguments)
     assert result.status == 2
-    assert result.err.strip() and "Traceback" not in result.err
+    assert result.err.strip() and "Traceback" not in result.err and "fault of bgc" not in result.err
     assert sorted(tmp_path.iterdir()) == before, "no half-written file"
 
 
@@ -143,6 +147,36 @@ def test_what_cannot_be_done_is_a_document_too(
     assert error in document["error"]
     assert [found["code"] for found in document["diagnostics"]] == codes
     assert bgc(*arguments).out == ""
+
+
+ARRAYS = """model A
+  parameter Real g[2] = {1, 2};
+  parameter Real T[2,2] = [1, 0; 0, 1];
+  J1[2] v;  I[2] m(I = g);  R[2] r(R = T);
+  output Real first = m.I[1] + T[2,1];
+  output Real second = m.I[2];
+equation
+  v => m, r;
+end A;
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "first", "second"),
+    [("g={3,4}", 3, 4), ("g[2]=5", 1, 5), ("m.I=7", 7, 7), ("m.I[2]=9", 1, 9), ("T=[1,2;3,4]", 4, 2), ("T[2,1]=6", 7, 2)],
+)
+def test_arrays_are_set_whole_or_entry_by_entry(bgc: Callable[..., Result], given: str, first: float, second: float) -> None:
+    Path("arrays.bg").write_text(ARRAYS)
+    found = json.loads(bgc("simulate", "arrays.bg", "--stop", "0.01", "--set", given, "--format", "json").out)
+    assert [row["end"] for row in found["summary"]] == [first, second]
+    bgc("compile", "arrays.bg", "--set", given, "-o", "arrays.py")
+    import numpy as np
+
+    module: dict[str, object] = {}
+    exec(Path("arrays.py").read_text(), module)
+    p = module["parameters"]()  # type: ignore[operator]
+    x = module["initial_state"](p)  # type: ignore[operator]
+    assert np.allclose(module["outputs"](0.0, x, p), [first, second])  # type: ignore[operator]
 
 
 def test_check_reports_as_json(bgc: Callable[..., Result], tmp_path: Path) -> None:

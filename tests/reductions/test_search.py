@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from bgdsl import pipeline
 from bgdsl.ir.native import parameter_names
 from bgdsl.passes.weights import WEIGHTS, weights_in
-from bgdsl.reduce import Measured, Scenario, condition, decision_for, measure, reduced
+from bgdsl.reduce import Measured, Scenario, condition, decision_for, measure, partition, reduced
 from bgdsl.reductions.condition import considered
 from bgdsl.reductions.provenance import Choice, numbers, ranges, reductions_said
 from bgdsl.reductions.search import Candidate, Family, above, families, smallest_within, spared
@@ -239,6 +239,23 @@ def test_reducing_twice_is_reducing_once(drive_line: Measured, way: str) -> None
     once = reduced(drive_line, WAYS[way])
     assert once.decision.dropped, "nothing fell: the test says nothing"
     assert reduced(again(once.source, Scenario("pull")), WAYS[way]).source == once.source
+
+
+def test_a_partition_that_was_conditioned_is_not_conditioned_again(drive_line: Measured) -> None:
+    apart = partition(drive_line, 0.01, conditioned=True)
+    driving = apart.files[0].text
+    found = again(driving, Scenario("pull"))
+    assert reduced(found, Choice(0.01)).source == driving
+    assert reduced(found, Choice(0.005)).source == driving
+    whole = partition(found, 0.01)
+    assert whole.files == ()
+
+
+def test_the_inside_of_a_partition_may_still_be_conditioned(drive_line: Measured) -> None:
+    driving = partition(drive_line, 0.01).files[0].text
+    once = reduced(again(driving, Scenario("pull")), Choice(0.01))
+    assert once.decision.dropped
+    assert reduced(again(once.source, Scenario("pull")), Choice(0.01)).source == once.source
 
 
 def test_searching_twice_is_searching_once(found: Searched) -> None:

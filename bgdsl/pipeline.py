@@ -320,7 +320,7 @@ def settings_of(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -
     given = {name: value for name, value in more.items() if name in _SETTINGS and value is not None}
     variables = more.get("vars")
     if variables is not None:
-        given["variables"] = tuple(variables)
+        given["variables"] = (variables,) if isinstance(variables, str) else tuple(variables)
     changes = {name: value for name, value in more.items() if name not in _SETTINGS and name != "vars"}
     return Settings(**given), {**(parameters or {}), **changes}
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bgdsl.diagnostics import BgError
 from bgdsl.passes import claims
 from bgdsl.passes.evaluation import position
+from tests.flatten.conftest import Seen, flat_text
 
 CLASSES = """
 model Mass "a mass"
@@ -215,3 +220,44 @@ def test_each_item_is_looked_at_once_not_once_for_each_element(flat, monkeypatch
     text = f"{CLASSES}model Top\n J1 hub; Se s(e = 1);\n Mass p[{n}];\n{items}equation\n s -> hub;\n {loop}\nend Top;\n"
     assert len(worn(flat(text, "Top"))) == n
     assert len(looked) == n
+
+
+@st.composite
+def choices(draw: st.DrawFn) -> tuple[list[str | None], list[str]]:
+    """For each of six elements its new class, and items that say so with subscripts of all forms."""
+    left = draw(st.permutations(range(1, 7)))
+    wanted: list[str | None] = [None] * 6
+    items: list[str] = []
+    while left and draw(st.booleans()):
+        count = draw(st.integers(1, len(left)))
+        group, left = left[:count], left[count:]
+        name = draw(st.sampled_from(["Mass", "Worn"]))
+        ordered = sorted(group)
+        run = ordered == list(range(ordered[0], ordered[-1] + 1))
+        if run and draw(st.booleans()):
+            group, subscript = ordered, f"{ordered[0]}:{ordered[-1]}"
+        elif count == 1 and draw(st.booleans()):
+            subscript = str(group[0])
+        else:
+            subscript = "{" + ", ".join(map(str, group)) + "}"
+        values = ", ".join(str(10 * i) for i in group)
+        items.append(f"redeclare {name} part[{subscript}](m = {values if subscript.isdigit() else '{' + values + '}'});")
+        for i in group:
+            wanted[i - 1] = name
+    return wanted, items
+
+
+@given(choices())
+def test_a_redeclared_array_is_the_model_written_out(chosen: tuple[list[str | None], list[str]]) -> None:
+    wanted, items = chosen
+    one_by_one = "".join(f"{name or 'Mass'} part{i}(m = {10 * i if name else 'm'});\n" for i, name in enumerate(wanted, 1))
+    bonds = "".join(f"hub -> part{i}.a;\n" for i in range(1, 7))
+    written_out = f"{CLASSES}model Top\nparameter Real m = 3;\nJ1 hub; Se s(e = 1);\n{one_by_one}equation\ns -> hub;\n{bonds}end Top;\n"
+    array, plain = Seen(flat_text(rail("\n".join(items)), "Top")), Seen(flat_text(written_out, "Top"))
+
+    def renamed(found: object) -> str:
+        return re.sub(r"part_?\[?(\d)\]?", r"part\1", str(found))
+
+    for what in ("laws", "parameters", "bonds"):
+        one, other = ({renamed(name): renamed(found) for name, found in getattr(seen, what).items()} for seen in (array, plain))
+        assert one == other

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 INCONSISTENT = Code("BG623", "the start violates a constraint")
 MOST_AT_START = 1e-6
 """How far, relatively, a start may be from a constraint before it counts as wrong; what is less is moved onto it."""
+ROUNDING = 1e-12
+"""What the terms of the largest constraint may leave in one of which all terms should vanish."""
 
 
 class Invariants:
@@ -95,6 +97,7 @@ class Invariants:
         sizes = np.empty_like(residuals)
         sizes[self._arrays["order"]] = self._arrays["sizes"]
         shares = np.abs(residuals) / (sizes + self.record.atol)
+        shares[np.abs(residuals) <= ROUNDING * sizes.max()] = 0.0
         i = int(shares.argmax())
         if shares[i] > MOST_AT_START:
             report.fail(

@@ -12,7 +12,8 @@ from bgdsl.diagnostics import Code, Reporter, did_you_mean, listed
 from bgdsl.playback import Played, as_played, at, played
 from bgdsl.reduce import Reduced
 from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output, errors
-from bgdsl.source import Source, Span
+from bgdsl.simulate.options import BAD_SETTING
+from bgdsl.source import Source, said
 
 NOTHING_TO_COMPARE = Code("BG743", "two models have no output in common")
 
@@ -91,13 +92,17 @@ def _common(full: Played, reduced: Played, outputs: Sequence[str] | None, window
     wanted = full.signals if outputs is None else _spread(full, outputs)
     names = tuple(name for name in full.signals if name in reduced.signals and name in wanted)
     start, stop = window or (full.time[0], full.time[-1])
+    slack = 1e-9 * (full.time[-1] - full.time[0])
+    if not full.time[0] - slack <= start < stop <= full.time[-1] + slack:
+        why = f"it must lie within the run, {full.time[0]:g} to {full.time[-1]:g} s"
+        Reporter().fail(BAD_SETTING, f"window {start:g},{stop:g} cannot be used: {why}", said(f"window {start:g},{stop:g}"))
     inside = (full.time >= start) & (full.time <= min(stop, reduced.time[-1]))
     time = full.time[inside]
     if not names or len(time) < 2:
         Reporter().fail(
             NOTHING_TO_COMPARE,
             f"`{full.name}` and `{reduced.name}` have no output in common over the window",
-            _said(reduced.name),
+            said(reduced.name),
             notes=(f"the full model has {', '.join(list(full.signals)[:8])}", f"the reduced one {', '.join(list(reduced.signals)[:8])}"),
         )
     return _Common(full, reduced, names, inside, time)
@@ -110,17 +115,12 @@ def _shafts(common: _Common, shaft: str, cycles: int, revolutions: float) -> tup
     return Shaft(one, cycles, revolutions), Shaft(other, cycles, revolutions)
 
 
-def _said(text: str) -> Span:
-    """A place in what the caller wrote."""
-    return Span(Source("<command line>", text), 0, len(text))
-
-
 def check_common(wanted: str, full: Played, reduced: Played) -> None:
     """BG743 where an output that was named is not recorded in both runs."""
     for run in (full, reduced):
         if not _spread(run, (wanted,)):
             helps = did_you_mean(wanted, run.signals) or (f"it has {listed(run.signals)}",)
-            Reporter().fail(NOTHING_TO_COMPARE, f"`{run.name}` has no output `{wanted}`", _said(wanted), helps=helps)
+            Reporter().fail(NOTHING_TO_COMPARE, f"`{run.name}` has no output `{wanted}`", said(wanted), helps=helps)
 
 
 def _spread(played: Played, outputs: Sequence[str]) -> set[str]:

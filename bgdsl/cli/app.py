@@ -77,6 +77,8 @@ def run(arguments: Sequence[str]) -> int:
         arguments.remove("--debug")
         arguments.insert(0, "--debug")
     try:
+        if "" in arguments:  # a path that is empty would be the working folder
+            raise typer.BadParameter("an argument is empty")
         result = app(arguments, standalone_mode=False, prog_name="bgc")
         return _status(result if isinstance(result, int) else 0, arguments)
     except typer.Exit as stop:

@@ -116,6 +116,8 @@ def condition(
         raise typer.BadParameter("say what may fall: one of --threshold 0.3%, --max-error 8%, --keep 98%", param_hint="--threshold")
     eps = arg.fraction(threshold, "--threshold") if threshold else 0.0
     allowed = arg.fraction(max_error, "--max-error") if max_error else None
+    if allowed is None and (outputs or shaft):
+        raise typer.BadParameter("it says whose error may be how large, and goes with --max-error", param_hint="--outputs/--shaft")
     found = measured(file, model, run)
     if allowed is not None:
         result = _searched(found, allowed, output, arg.names(outputs), shaft, guard)

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Literal
 
 from bgdsl.collecting import uncollected
-from bgdsl.expr import Expr, Table, leaves, variables
+from bgdsl.expr import Expr, Table, leaves, topological, variables
 from bgdsl.ir.graph import Check, Experiment, Origin, Parameter
 
 
@@ -156,6 +156,17 @@ class Program:
         """Whether the states are moved by functions of time."""
         roots = [*self.derivatives, *(value for step in self.needed(self.derivatives) for value in read(step))]
         return any(True for _ in leaves(roots, "time"))
+
+    @cached_property
+    def has_upright_roots(self) -> bool:
+        """Whether the derivatives hold roots that may come to stand upright: `sqrt(abs(x))`, `if x > 0 then x^0.3 else 0`."""
+        nodes = list(topological([*self.derivatives, *(value for step in self.needed(self.derivatives) for value in read(step))]))
+        signed = {arg for node in nodes if node.op in ("lt", "le") for arg in node.args}
+        return any(
+            node.op == "sqrt" or (node.op == "pow" and node.args[1].is_const and 0.0 < node.args[1].data < 1.0)
+            for node in nodes
+            if node.args and (node.args[0].op in ("abs", "max") or not signed.isdisjoint((node.args[0], -node.args[0])))
+        )
 
     def needed(self, roots: Iterable[Expr]) -> tuple[Step, ...]:
         """The steps that the roots need, in order."""

@@ -138,6 +138,10 @@ class CvodeStepper:
         lib.set_operation(matrix, "GetID", KERNELS.address("matrix_kind"))
         lib.check(lib.CVodeSetLinearSolver(memory, solver, matrix), "CVodeSetLinearSolver")
         lib.check(lib.CVodeSetLinSysFn(memory, KERNELS.address("cv_linsys")), "CVodeSetLinSysFn")
+        if self._model.program.has_upright_roots:
+            # with an old Jacobian from beside zero, far too steep, corrections come out small, and pass for convergence
+            lib.check(lib.CVodeSetLSetupFrequency(memory, 1), "CVodeSetLSetupFrequency")
+            lib.check(lib.CVodeSetJacEvalFrequency(memory, 1), "CVodeSetJacEvalFrequency")
 
     def close(self) -> None:
         """Free what CVODE holds."""

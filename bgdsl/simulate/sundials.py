@@ -120,6 +120,8 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "CVodeSetUserData": (INT, POINTER, POINTER),
     "CVodeSetMaxOrd": (INT, POINTER, INT),
     "CVodeSetMaxStep": (INT, POINTER, REAL),
+    "CVodeSetLSetupFrequency": (INT, POINTER, ctypes.c_long),
+    "CVodeSetJacEvalFrequency": (INT, POINTER, ctypes.c_long),
     "CVodeSetStopTime": (INT, POINTER, REAL),
     "CVodeSetMaxErrTestFails": (INT, POINTER, INT),
     "CVodeSetMaxConvFails": (INT, POINTER, INT),

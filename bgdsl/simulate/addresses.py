@@ -58,8 +58,8 @@ def array_at(address: int | None, size: int) -> Floats:
 
     if not size or not address:
         return np.zeros(0)
-    found: Floats = np.ctypeslib.as_array(ctypes.cast(address, ctypes.POINTER(ctypes.c_double)), (size,))
-    return found
+    memory: Any = (ctypes.c_double * size).from_address(address)
+    return np.frombuffer(memory, dtype=np.float64)
 
 
 def _c_face(kernel: Kernel, n: int, m: int) -> Any:

@@ -110,8 +110,12 @@ class Recorder:
 
     def flush(self) -> None:
         """Pass on what has gathered."""
-        if self.fill:
-            self.sink.write(self.times[: self.fill], self.rows[: self.fill])
-            if self._states is not None:
-                self._states.write(self.times[: self.fill], self.state_rows[: self.fill])
-            self.fill = 0
+        if not self.fill:
+            return
+        times, rows, states = (array[: self.fill] for array in (self.times, self.rows, self.state_rows))
+        if self.next < self.grid.count:  # what has gathered will be written over
+            times, rows, states = times.copy(), rows.copy(), states.copy()
+        self.sink.write(times, rows)
+        if self._states is not None:
+            self._states.write(times, states)
+        self.fill = 0

@@ -153,7 +153,7 @@ class _Reader:
     def lead(self, index: int, kind: str) -> tuple[Lead, int]:
         starts = self.at_start
         level, lead = self.level, self.first(index, kind) if starts else "inside"
-        if starts and kind in _ENDERS and self.blocks:
+        if starts and self.heads_section(index, kind) and self.blocks:
             level = self.blocks[-1].level
         head = self.ends_head(index, kind, starts)
         if kind in ("IF", "ELSE") and not starts:
@@ -179,7 +179,7 @@ class _Reader:
             return "line"
         if kind in ("FOR", "IF"):
             self.blocks.append(_Block(kind, self.level))
-        elif kind in _ENDERS and self.blocks:
+        elif self.heads_section(index, kind) and self.blocks:
             self.closing = kind == "END"
             return "statement" if loose else "line"
         return lead
@@ -188,7 +188,14 @@ class _Reader:
         """Whether statements follow this token."""
         if kind in ("LOOP", "THEN"):
             return not self.depth and self.nested <= 0 and bool(self.blocks) and self.blocks[-1].kind in ("FOR", "IF")
-        return index == self.head_end or (starts and kind in ("EQUATION", "INITIAL_EQUATION", "ALGORITHM", "ELSE"))
+        return index == self.head_end or (starts and self.heads_section(index, kind) and kind not in ("ELSEIF", "END"))
+
+    def heads_section(self, index: int, kind: str) -> bool:
+        """Whether a statement's first token stands at the level of what it is in: `equation`, `end`, `protected` on a line of its own."""
+        if kind != "PROTECTED":
+            return kind in _ENDERS
+        starts = self.tokens.starts
+        return "\n" in self.source.text[starts[index] : starts[index + 1]]
 
     def enter(self, index: int, kind: str) -> None:
         block = self.blocks[-1]

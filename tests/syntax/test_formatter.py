@@ -43,6 +43,16 @@ equation
   // at the end
 end Lever;
 
+function saturated "a smooth limit"
+  input Real x;
+  output Real y;
+protected
+  Real share;  Real most;
+  protected Real other;
+algorithm
+  y := x;
+end saturated;
+
 test "no energy is made"
   run r = Lever(RA = 0) for 10 tolerance 1e-9;
   assert (r.vA.f(end) - 1) == 0.1234 +- 2 %;

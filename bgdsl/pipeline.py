@@ -9,7 +9,7 @@ Every step is computed once, when somebody asks for it. This is the one file tha
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -34,7 +34,6 @@ from bgdsl.passes.sorting import sort_equations
 from bgdsl.passes.units import check_units
 from bgdsl.passes.weights import weighed
 from bgdsl.source import Source, Span
-from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
 from bgdsl.syntax.parser import parse, read_source
 
@@ -325,7 +324,7 @@ def settings_of(more: Mapping[str, Any], parameters: Mapping[str, Any] | None) -
     return Settings(**given), {**(parameters or {}), **changes}
 
 
-# ------------------------------------------------------------------------------------------------------ checks and tests
+# --------------------------------------------------------------------------------------------------------------- checks
 
 
 def check_file(
@@ -385,41 +384,6 @@ def _check_structures(model: Model, report: Reporter) -> None:
 def _distinct(report: Reporter) -> list[Diagnostic]:
     """The findings in the order made; what two models of a file share is said once."""
     return list(dict.fromkeys(report.diagnostics))
-
-
-def instantiate_modified(
-    library: Library, model: ast.Reference, arguments: tuple[ast.Argument, ...], span: Span, report: Reporter
-) -> Model:
-    """The model as a test writes it, with modifications: flattened from a nameless heir of it."""
-    heir = ast.Model("model", f"{model.text} in test", None, (ast.Extends(model, arguments, span=span),), (), span=span)
-    main = replace(library.main, tree=replace(library.main.tree, items=(*library.main.tree.items, heir)))
-    modules = {key: main if module is library.main else module for key, module in library.modules.items()}
-    return instantiate(replace(library, main=main, modules=modules), heir.name, {}, report)
-
-
-def reference(path: Path, span: Span, report: Reporter) -> Reference:
-    """A recorded file as a test compares runs with it."""
-    from bgdsl.simulate.inputs import read_columns
-
-    return Reference(read_columns(path, report))
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """Columns read from a file, looked at as a run is."""
-
-    columns: Mapping[str, Any]
-
-    @property
-    def time(self) -> Any:
-        return self.columns["time"]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(self.columns)
-
-    def __getitem__(self, name: str) -> Any:
-        return self.columns[name]
 
 
 def is_generated_module(text: str) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from bgdsl.diagnostics import Diagnostic, Label
 from bgdsl.source import Span
+from bgdsl.testing.subjects import HEIR
 
 
 def moved(found: Iterable[Diagnostic], span: Span) -> tuple[Diagnostic, ...]:
@@ -17,15 +18,16 @@ def moved(found: Iterable[Diagnostic], span: Span) -> tuple[Diagnostic, ...]:
     return tuple(_moved(d, span) for d in found)
 
 
+def _plain(text: str) -> str:
+    """A message with the model's own name in place of the one that a test's modifications gave it."""
+    return text.replace(f"{HEIR}`", "`")
+
+
 def _moved(d: Diagnostic, span: Span) -> Diagnostic:
-    primary = Label(d.primary.span, d.primary.text.replace(HEIR, "`"))
-    d = replace(d, message=d.message.replace(HEIR, "`"), primary=primary)
+    primary = Label(d.primary.span, _plain(d.primary.text))
+    d = replace(d, message=_plain(d.message), primary=primary)
     if primary.span.source.path is None:
         return replace(d, primary=Label(span, primary.text))
     if primary.span.source is span.source and span.start <= primary.span.start <= primary.span.end <= span.end:
         return d
     return replace(d, others=(*d.others, Label(span, "needed here")))
-
-
-HEIR = " in test`"
-"""How `pipeline.instantiate_modified` ends the name of a model with a test's modifications, and a quote."""

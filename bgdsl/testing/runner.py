@@ -22,6 +22,7 @@ from bgdsl.syntax.library import Library
 from bgdsl.syntax.parser import read_source
 from bgdsl.testing.expressions import CANNOT, UNKNOWN, Evaluation, Recorded, UnavailableError
 from bgdsl.testing.places import moved
+from bgdsl.testing.subjects import modified, record
 from bgdsl.testing.values import RELATIONS, Series, Value, combine
 
 FAILED = Code("BG650", "an assertion of a test failed")
@@ -140,7 +141,7 @@ class _UnderWay:
             options["stop" if name == "for" else name] = self._text(value) if name == "method" else self.evaluation.number(value)
         if "tolerance" in options:
             options["tolerance"] = step_tolerance(options["tolerance"])
-        model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
+        model = modified(self.library, statement.model, statement.arguments, statement.span)
         return model.compile().simulate(experiment=statement.experiment, **options)
 
     def _text(self, value: ast.Expression) -> str:
@@ -149,10 +150,10 @@ class _UnderWay:
         return value.value
 
     def _record(self, statement: ast.RunStatement, file: str) -> Recorded:
-        record = pipeline.reference(self.folder / file, statement.span, Reporter())
-        if "time" not in record.names:
-            Reporter().fail(CANNOT, f"{file} has no column `time`", statement.span, notes=[f"its columns are {', '.join(record.names)}"])
-        return record
+        found = record(self.folder / file)
+        if "time" not in found.names:
+            Reporter().fail(CANNOT, f"{file} has no column `time`", statement.span, notes=[f"its columns are {', '.join(found.names)}"])
+        return found
 
     # ------------------------------------------------------------------------------------------------------- assertions
 
@@ -194,7 +195,7 @@ class _UnderWay:
             helps = did_you_mean(statement.code, titles())
             Reporter().fail(UNKNOWN, f"there is no diagnostic {statement.code}", statement.span, helps=helps)
         try:
-            model = pipeline.instantiate_modified(self.library, statement.model, statement.arguments, statement.span, Reporter())
+            model = modified(self.library, statement.model, statement.arguments, statement.span)
             warned = {d.code.number for d in model.check()}
         except BgError as error:
             found = sorted({d.code.number for d in error.diagnostics})

@@ -12,25 +12,22 @@ state; for a storage in derivative causality its p or q and the derivative of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 from bgdsl.diagnostics import Code, Reporter
-from bgdsl.expr import ZERO, Expr, add, const, leaves, substitute, var, variables
+from bgdsl.expr import ZERO, Expr, add, substitute, var, variables
 from bgdsl.ir.causal import CausalGraph
-from bgdsl.ir.elements import KINDS, component
-from bgdsl.ir.graph import Bond, BondGraph, Element, Law, Origin, SignalEquation
+from bgdsl.ir.elements import KINDS
+from bgdsl.ir.graph import BondGraph, Element, Law, Origin, SignalEquation
 from bgdsl.ir.scalar import Relation, ScalarGraph, Term
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name
 from bgdsl.ir.values import Values
-from bgdsl.passes.integrate import integral
 from bgdsl.passes.invert import Refusal, divide, reads, solve_for
 from bgdsl.passes.moduli import Moduli
+from bgdsl.passes.quantities import values_of
 
 NOT_INVERTIBLE = Code("BG505", "a law has no unique inverse in the direction that causality needs")
-
-HALF = const(0.5)
 
 
 @dataclass(slots=True)
@@ -323,70 +320,6 @@ def _energies(work: _Work) -> None:
         work.unknowns.append(derivative_name(name))
         work.equations.append(Equation(var(derivative_name(name)), power, derivative_name(name), element.name, element.origin))
     assert all(name.startswith("der(") for name in work.values.missing), work.values.missing
-
-
-# --------------------------------------------------------------------------------------------------------------- values
-
-
-def values_of(causal: CausalGraph) -> Values:
-    """Every variable of the flat graph by its scalar name, over states, unknowns and inputs; powers and stored energies too."""
-    scalar = causal.scalar
-    graph = scalar.graph
-    known = dict.fromkeys(j.variable for j in scalar.junctions)
-    known |= dict.fromkeys(scalar.unknowns)
-    known |= dict.fromkeys(name for element in graph.elements for name in element.states)
-    known |= dict.fromkeys(name for signal in graph.signals for name in signal.scalars())
-    return Values(known, scalar.aliases, dict(_made(graph)))
-
-
-def _made(graph: BondGraph) -> Iterator[tuple[str, Callable[[], Expr]]]:
-    storages = [element for element in graph.elements if element.states]
-    for element in graph.elements:
-        if len(element.ports) == 1:
-            yield f"{element.name}.power", partial(_power, element)
-    energies = {f"{element.name}.energy": energy for element in storages if (energy := _energy(element)) is not None}
-    yield from energies.items()
-    if len(energies) == len(storages):
-        yield "energy.total", lambda: add(map(var, energies))
-    for bond in graph.bonds:
-        yield f"{bond.name}.power", partial(_bond_power, bond)
-        if bond.size is not None:
-            for i in range(bond.size):
-                yield component(f"{bond.name}.power", i), partial(_bond_power, bond, (i,))
-
-
-def _power(element: Element) -> Expr:
-    """The power of a one-port: into a passive element, out of a source."""
-    port = element.ports[0]
-    return add(var(port.variable(element.name, "e", i)) * var(port.variable(element.name, "f", i)) for i in range(port.width))
-
-
-def _energy(element: Element) -> Callable[[], Expr] | None:
-    """How the energy stored in a storage is computed: half the sum of state times co-energy variable where its law is linear,
-    else the integral of a scalar law. None where no formula is known."""
-    if element.linear is not None:
-        return partial(_quadratic_energy, element)
-    if len(element.states) != 1 or len(element.laws) != 1:
-        return None
-    state = var(element.states[0])
-    law = element.laws[0]
-    if any(leaf is not state for leaf in leaves((law.right,))) or law.left.data == element.states[0]:
-        return None
-    whole = integral(law.right, state)
-    return None if whole is None else lambda: whole
-
-
-def _quadratic_energy(element: Element) -> Expr:
-    port = element.ports[0]
-    letter = "f" if KINDS[element.kind].state == "p" else "e"
-    return HALF * add(var(name) * var(port.variable(element.name, letter, i)) for i, name in enumerate(element.states))
-
-
-def _bond_power(bond: Bond, components: tuple[int, ...] | None = None) -> Expr:
-    if bond.size is None:
-        return var(f"{bond.name}.e") * var(f"{bond.name}.f")
-    chosen = range(bond.size) if components is None else components
-    return add(var(component(f"{bond.name}.e", i)) * var(component(f"{bond.name}.f", i)) for i in chosen)
 
 
 def _alias_loops(work: _Work) -> None:

@@ -15,6 +15,7 @@ from graphlib import TopologicalSorter
 from bgdsl.reductions.source_map import SourceMap, UnwritableError, indexed
 from bgdsl.reductions.specialise import UnitKey, Variant, Variants
 from bgdsl.reductions.statements import Acts, ClassEdits, Index, Node
+from bgdsl.syntax import ast
 
 Names = tuple[str, ...]
 """The way from a component to a matrix inside it, without subscripts; () for the matrix itself."""
@@ -26,11 +27,13 @@ Tree = dict[Names, dict[tuple[Index, ...], Acts]]
 @dataclass(slots=True)
 class Given:
     """of[variant, node][index]: what is said of a component where it is declared. by: the instances of the variant for which that is
-    what acts; the others are given theirs further out. whole: all that acts below each instance."""
+    what acts; the others are given theirs further out. whole: all that acts below each instance. mixed: declarators of arrays of which
+    some elements have their class from elsewhere, though the modifications of the declaration go for them too."""
 
     of: dict[tuple[int, Node], dict[Index, Tree]] = field(default_factory=dict)
     by: dict[tuple[int, Node], list[str]] = field(default_factory=dict)
     whole: Mapping[str, Tree] = field(default_factory=dict)
+    mixed: set[int] = field(default_factory=set)
 
     def all_said(self, path: str, name: str, index: Index, tree: Tree, more: Iterable[Names]) -> Tree:
         """A tree with what others like it are told, too: what acts there in the component `name` of the instance `path`."""
@@ -57,6 +60,10 @@ def give(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], vari
         after[key] |= {base.key: None for _, base in texts.bases(of_unit[0].unit)}
     for path, site in variants.sites.items():
         children[site.owner, site.unit.key].append(path)
+        if isinstance(site.node, ast.Redeclaration):
+            parent, _, last = path.rpartition(".")
+            member = texts.member(parent, indexed(last)[0])
+            given.mixed |= {id(member[2])} if member else set()
         after[site.unit.key] |= {unit.key: None for unit in texts.units(texts.class_of(path))}
     for key in TopologicalSorter(after).static_order():
         for variant in variants.of[key]:

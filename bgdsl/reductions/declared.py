@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from bgdsl.reductions.acts import Given, Names, Tree, elements, frozen_tree
 from bgdsl.reductions.source_map import UnwritableError
@@ -60,8 +61,8 @@ class Declared:
 
     # ------------------------------------------------------------------------------------------------------------ kinds
 
-    def kinds(self, node: Node) -> list[Kind]:
-        """What the elements that a node declares need, most of them first."""
+    def kinds(self, node: Node, component: str) -> list[Kind]:
+        """What the elements of the component that a node declares need; what most of them do first."""
         variant = self.variant
         parts = variant.parts.get(node, {}) if isinstance(node, int) else {}
         trees = self.given.of.get((id(variant), node), {})
@@ -75,7 +76,16 @@ class Declared:
             found.setdefault((name, frozen_tree(tree)), Kind(name, tree, [])).indices.append(index)
         plain = [kind for kind in found.values() if kind.name is None and not kind.tree]
         base = plain[0] if plain else max(found.values(), key=lambda kind: len(kind.indices), default=None)
-        return [] if base is None else [base, *(kind for kind in found.values() if kind is not base)]
+        if base is None:
+            return []
+        others = [kind for kind in found.values() if kind is not base]
+        if not base.tree or (
+            node not in self.given.mixed
+            and all(base.tree.keys() <= self.told_all(node, component, base, other).tree.keys() for other in others)
+        ):
+            return [base, *others]
+        # what is said of most elements would be said of others, too, that have nothing of the kind
+        return [Kind(base.name, {}, base.indices), base, *others]
 
     def told_all(self, node: Node, name: str, base: Kind, kind: Kind) -> Kind:
         """A kind with all that the declaration, which goes for its elements too, says of the base."""
@@ -113,7 +123,7 @@ class Declared:
         above: list[str] = []
         new: list[Edit] = []
         for declarator in item.declarators:
-            kinds = self.kinds(id(declarator))
+            kinds = self.kinds(id(declarator), declarator.name)
             if not kinds:
                 continue
             bases[id(declarator)] = kinds[0]
@@ -136,7 +146,7 @@ class Declared:
             edits = [e for e in edits if e not in inside]
             new = [Edit(item.span, separator.join(self.regrouped(item, kept, names, [*inside, *new])))]
         if lines:
-            new.append(Edit(Span(self.source, item.span.end, item.span.end), "".join(separator + line for line in lines)))
+            new.append(self.below(item.span, lines))
         if above:
             new.append(self.above(item.span, above))
         return edits + new
@@ -162,7 +172,7 @@ class Declared:
 
     def redeclaration(self, item: ast.Redeclaration) -> list[Edit]:
         """An item that redeclares: its own elements in place, split where they differ."""
-        kinds = self.kinds(id(item))
+        kinds = self.kinds(id(item), item.name)
         if not kinds:
             return []
         base = kinds[0]
@@ -172,8 +182,7 @@ class Declared:
             (selection, *more) = selections(base.indices)
             edits.append(_subscripted(item, selection))
             lines += [f"redeclare {base.name or item.type.span.text} {item.name}[{one}];" for one in more]
-            separator = "\n" + indent_at(self.source, item.span.start)
-            edits.append(Edit(Span(self.source, item.span.end, item.span.end), "".join(separator + line for line in lines)))
+            edits.append(self.below(item.span, lines))
         comments = self.comments(id(item), item.name, base)
         return [*edits, self.above(item.span, comments)] if comments else edits
 
@@ -186,17 +195,16 @@ class Declared:
             if isinstance(argument, ast.Modifier):
                 stack += [(inner, False) for inner in argument.nested]
                 continue
-            kinds = self.kinds(id(argument))
+            kinds = self.kinds(id(argument), argument.name)
             if not kinds:
                 continue
             base, *others = kinds
             if others and not own:
                 raise UnwritableError((), f"the elements of `{argument.name}` differ, which are redeclared from outside")
             edits += self.in_place(argument, base)
-            separator = "\n" + indent_at(self.source, clause.span.start)
             lines = self.others(id(argument), argument.name, kinds, argument.type.span.text)
             if lines:
-                edits.append(Edit(Span(self.source, clause.span.end, clause.span.end), "".join(separator + line for line in lines)))
+                edits.append(self.below(clause.span, lines))
             comments = self.comments(id(argument), argument.name, base)
             if comments:
                 edits.append(self.above(clause.span, comments))
@@ -214,7 +222,7 @@ class Declared:
         indent = indent_at(source, model.items[-1].span.start) if model.items else "  "
         lines: list[str] = []
         for name, part in self.variant.inserted.items():
-            base, *_ = kinds = self.kinds(name)
+            base, *_ = kinds = self.kinds(name, name)
             arguments = ", ".join(_arguments(base.tree, "each " if part.dims else ""))
             dims = f"[{', '.join(map(str, part.dims))}]" if part.dims else ""
             lines += [*self.comments(name, name, base), f"{part.kind} {name}{dims}({arguments});"]
@@ -226,6 +234,18 @@ class Declared:
         start = self.source.text.rfind("\n", 0, span.start) + 1
         indent = indent_at(self.source, span.start)
         return Edit(Span(self.source, start, start), "".join(f"{indent}{line}\n" for line in lines))
+
+    def below(self, span: Span, lines: Sequence[str]) -> Edit:
+        """Lines after what stands there; what follows it on its line comes after them."""
+        text = self.source.text
+        separator = "\n" + indent_at(self.source, span.start)
+        line_end = text.find("\n", span.end)
+        rest = text[span.end : line_end if line_end >= 0 else len(text)]
+        if not rest.strip() or rest.lstrip().startswith("//"):
+            end = span.end + (len(rest) if rest.strip() else 0)
+            return Edit(Span(self.source, span.end, end), rest.rstrip() * (end > span.end) + "".join(separator + line for line in lines))
+        end = span.end + len(rest) - len(rest.lstrip())
+        return Edit(Span(self.source, span.end, end), "".join(separator + line for line in lines) + separator)
 
     def renaming(self) -> list[Edit]:
         """The class's own name, at its head and its end."""
@@ -290,6 +310,9 @@ def _value(acts: Mapping[tuple[Index, ...], Acts]) -> str:
     ((_, first),) = list(acts.items())[:1]
     if len(acts) == 1 and not any(next(iter(acts))):
         return matrix(first)
+    rows = [len({tuple(indices[:k]) for indices in acts}) for k in range(1 + len(next(iter(acts))))]
+    if any(after % before for before, after in pairwise(rows)):
+        raise UnwritableError((), "some elements of an array inside an array are of another class")
     flat = sorted((tuple(i for index in indices for i in index), value) for indices, value in acts.items())
     return _nested([(index, matrix(value)) for index, value in flat])
 

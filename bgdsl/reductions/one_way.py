@@ -10,6 +10,7 @@ which instance is said by `acts`.
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -44,6 +45,8 @@ def write_parts(writer: Writer, splits: Sequence[Split], kinds: Mapping[int, int
         chosen[site.unit.key][indexed(last)[0]] = None
         touched[path][site.unit.key] = None
         writer.tell(split.element.name, _told(split))
+    for path, units in _siblings(writer, touched):
+        touched[path] |= units
     flavours = _flavours(writer, chosen, touched)
     for path, units in touched.items():
         names: set[str] = set()
@@ -63,6 +66,24 @@ def write_parts(writer: Writer, splits: Sequence[Split], kinds: Mapping[int, int
                     assert member is not None
                     writer.of(path, member[0]).retype(member[2], kind)
         _rejoin(writer, path, names, {name: kind for (_, name), kind in flavours.items()})
+
+
+def _siblings(writer: Writer, touched: Mapping[str, Mapping[tuple[int, int], None]]) -> list[tuple[str, dict[tuple[int, int], None]]]:
+    """What the other elements of an array have to be for it to have one class."""
+    alike: dict[str, list[str]] = defaultdict(list)
+    for path in writer.texts.instances:
+        if "[" in path:
+            alike[re.sub(r"\[[^]]*\]", "", path)].append(path)
+    found: dict[str, dict[tuple[int, int], None]] = defaultdict(dict)
+    for path, units in touched.items():
+        if "[" in path:
+            found[re.sub(r"\[[^]]*\]", "", path)] |= units
+    result = []
+    for plain, units in found.items():
+        for path in alike[plain]:
+            there = {unit.key for unit in writer.texts.units(writer.texts.class_of(path))}
+            result.append((path, {key: None for key in units if key in there}))
+    return result
 
 
 def _site(writer: Writer, element: Element, terms: tuple[int, ...]) -> Site:
@@ -130,9 +151,10 @@ def _acts(element: Element, entries: Sequence[Entry] | None, kind: str) -> Acts:
 def _told(split: Split) -> list[tuple[str, str, int]]:
     """What fell in an element: effort or flow, the entry, the term."""
     kind = split.element.kind
+    scalar = all(port.size is None for port in split.element.ports)
     fell: list[tuple[str, str, int]] = []
     for entry in split.entries:
-        at = f"[{entry.row + 1},{entry.column + 1}]"
+        at = "" if scalar else f"[{entry.row + 1},{entry.column + 1}]"
         turned = f"[{entry.column + 1},{entry.row + 1}]"
         places = (at, turned) if kind == "EJS" else (at, at)
         what = ("effort", "flow") if NATURAL[kind][1] == 0 else ("effort", "effort") if kind == "EJS" else ("effort at p1", "effort at p2")

@@ -195,11 +195,11 @@ def _written(
     bonds = port_bonds(scalar)
     read = owners(read_names(scalar.graph))
     kinds = {term.index: scalar.junctions[term.junction].kind for term in scalar.terms}
-    parts = [split for split in task.splits if not in_sources(writer, split, bonds)]
+    parts = [split for split in task.splits if not in_sources(writer, split, bonds, read)]
     write_parts(writer, parts, kinds, read)
     for split in task.splits:
         if split not in parts:
-            write_split(writer, split, bonds, kinds, comments, read)
+            write_split(writer, split, bonds, kinds, comments)
     write_cuts(writer, task.cuts, scalar, comments)
     gone = {removal.element.name for removal in task.removals if removal.gone}
     for removal in task.removals:
@@ -286,7 +286,7 @@ def telling(report: ActivityReport, fell: Mapping[str, Sequence[tuple[str, str, 
             by_share: dict[str, list[str]] = {}
             for entry, rhos in sorted(entries.items()):
                 by_share.setdefault(shares(rhos), []).append(entry)
-            groups = [f"{' '.join(places)} ({told(share)})" for share, places in by_share.items()]
+            groups = [f"{' '.join([*filter(None, places), ''])}({told(share)})" for share, places in by_share.items()]
             pieces += [f"{what} {groups[0]}", *groups[1:]]
         unbroken = [piece.replace(" ", "\N{NO-BREAK SPACE}") for piece in pieces]
         lines = textwrap.wrap(f"dropped in {name}: {', '.join(unbroken)}", TOLD_WIDTH, subsequent_indent="  ") if pieces else []

@@ -165,7 +165,9 @@ def _wanted(variant: Variant) -> str:
     bases = {path.partition("[")[0] for path in variant.paths}
     if len(bases) > 1 and (variant.retyped or not variant.edits):
         return f"Part{name}"
-    return f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', variant.first.rpartition('.')[2]).strip('_')}"
+    last = variant.first.rpartition(".")[2]
+    shown = last.partition("[")[0] if len(variant.paths) > 1 else last
+    return f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', shown).strip('_')}"
 
 
 def _fresh(wanted: str, taken: set[str]) -> str:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from bgdsl.ir.graph import Bond, Element
 from bgdsl.reductions.cuts import PortBonds, Side, Spot, Writer, sides
 from bgdsl.reductions.plan import Split
-from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.statements import ClassEdits
 from bgdsl.syntax import ast
 
@@ -46,33 +45,30 @@ class _Task:
     told: list[str]
 
 
-def in_sources(writer: Writer, split: Split, bonds: PortBonds) -> bool:
-    """Is this a scalar two-port that is declared with its modulus and bonded in the text of one class, outside loops?"""
+def in_sources(writer: Writer, split: Split, bonds: PortBonds, read: frozenset[str]) -> bool:
+    """Is this a scalar two-port that is declared with its modulus and bonded in the text of one class, outside loops, and of which
+    nothing is read? read: owners of variables that something reads."""
     element = split.element
-    if any(port.size is not None for port in element.ports) or element.name.endswith("]"):
+    if any(port.size is not None for port in element.ports) or element.name.endswith("]") or element.name in read:
         return False
     site = writer.texts.site(element.name)
     if not isinstance(site.node, ast.Declarator) or _argument(site.node, _PARAMETERS[element.kind]) is None:
         return False
     origins = [_origin(bonds[element.name, k, 0][0], element.name, k) for k in range(2)]
-    return all(origin.path == site.owner and not origin.loop for origin in origins)
+    return all(origin.path == site.owner and not origin.loop and writer.texts.unit_at(origin) is site.unit for origin in origins)
 
 
 def _origin(bond: Bond, name: str, k: int):  # type: ignore[no-untyped-def]
     return bond.origins[-1 if bond.head.node == name and bond.head.port == k else 0]
 
 
-def write_split(
-    writer: Writer, split: Split, bonds: PortBonds, kinds: Mapping[int, int], comment: Mapping[int, str], read: frozenset[str]
-) -> None:
-    """Split one scalar two-port. kinds: of the junction of every term; read: owners of variables that something reads."""
+def write_split(writer: Writer, split: Split, bonds: PortBonds, kinds: Mapping[int, int], comment: Mapping[int, str]) -> None:
+    """Split one scalar two-port. kinds: of the junction of every term."""
     element = split.element
     terms = tuple(t for entry in split.entries for t, gone in zip(entry.terms, entry.dropped, strict=True) if gone)
     path, _, name = element.name.rpartition(".")
     found = writer.texts.member(path, name)
     assert found is not None
-    if element.name in read and not any(entry.two_way for entry in split.entries):
-        raise UnwritableError(terms, f"the variables of `{element.name}` are read")
     unit, declaration, declarator = found
     modulus = _argument(declarator, _PARAMETERS[element.kind])
     assert modulus is not None

@@ -56,17 +56,20 @@ def smallest(
     folder: Path | None = None,
     file: str = "reduced.bg",
     shaft: str | None = None,
+    most: float = math.inf,
     progress: Callable[[float], None] | None = None,
 ) -> Searched:
     """Search for the smallest conditioned model whose outputs of interest have normalised RMS errors of at most `allowed`. shaft: a
-    variable that is a shaft's angle; errors are then taken at equal angles."""
+    variable that is a shaft's angle; errors are then taken at equal angles. most: how many models may be tried (about)."""
     named = None if outputs is None else tuple(name.replace(" ", "") for name in outputs)
     asked = Choice(0.0, guard, max_error=allowed, outputs=named, shaft=shaft)
     trials = _Trials(measured, asked, (folder or Path()) / file)
     if reduced_already(measured, asked):
         return Searched(reduced(measured, asked, folder=folder), None, Search(None, ()), trials.full)
-    like = families(measured.model.scalar, trials.levels)
-    found = smallest_within(trials.levels, like, allowed, trials.attempt, progress=progress)
+    quick = {t: level for t, level in trials.levels.items() if t in trials.weighed}
+    slow = {t: level for t, level in trials.levels.items() if t not in trials.weighed}
+    like, others = (families(measured.model.scalar, levels) for levels in (quick, slow))
+    found = smallest_within(quick, like, allowed, trials.attempt, slow=others, most=most, progress=progress)
     for candidate in sorted(found.tried, key=lambda c: (-c.dropped, c.error)):
         if candidate.error <= allowed and candidate.dropped:
             written = reduced(measured, trials.choice(candidate), folder=folder)
@@ -77,7 +80,8 @@ def smallest(
 
 
 class _Trials:
-    """Sets of terms, tried. levels: of every term that may fall; full: the full model's run, at its own tolerance."""
+    """Sets of terms, tried. levels: of every term that may fall; weighed: those that have weights; full: the full model's run, at
+    its own tolerance."""
 
     def __init__(self, measured: Measured, asked: Choice, file: Path):
         model, scenario = measured.model, measured.scenario
@@ -92,6 +96,7 @@ class _Trials:
             check_common(asked.shaft, self.full, self.full)
         self._weighed = replace(model, weighed=frozenset(self.levels), report=Reporter())
         self._order = weights_in(self._weighed.causal.scalar)
+        self.weighed = frozenset(self._order)
         self._settings = self._trial_settings()
 
     def _trial_settings(self) -> dict[str, Any]:
@@ -114,11 +119,9 @@ class _Trials:
         left = spared(self.levels, candidate.threshold, candidate.terms)
         return replace(self._asked, threshold=candidate.threshold, spared=left)
 
-    def attempt(self, threshold: float, terms: frozenset[int] | None) -> Candidate:
-        """The model without the terms below a threshold, or of these without the ones given."""
+    def attempt(self, threshold: float, terms: frozenset[int]) -> Candidate:
+        """The model without these terms, which lie below a threshold."""
         scalar = self._measured.model.scalar
-        if terms is None:
-            terms = frozenset(t for t, level in self.levels.items() if level < threshold)
         decision = settle(scalar, Decision(threshold, terms, (), frozenset(), ()))
         decision = reinstate(scalar, self._measured.report, decision, self._structure)
         if decision.dropped not in self._known:
@@ -144,8 +147,8 @@ class _Trials:
 
     def _can_be_weighed(self, decision: Decision) -> bool:
         """Has every dropped term a weight, or a junction of which nothing is left?"""
-        scalar, weighed = self._measured.model.scalar, set(self._order)
-        loose = (t for t in decision.dropped if t not in weighed)
+        scalar = self._measured.model.scalar
+        loose = (t for t in decision.dropped if t not in self.weighed)
         return all(decision.dropped.issuperset(scalar.terms_at[scalar.terms[t].junction]) for t in loose)
 
     def _by_weights(self, decision: Decision) -> Played:

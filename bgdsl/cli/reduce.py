@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
 MaxError = Annotated[str | None, typer.Option("--max-error", metavar="E", help="Find the smallest model with output errors up to E (8%).")]
+Tries = Annotated[int | None, typer.Option("--tries", metavar="N", min=1, help="With --max-error: about so many models are tried.")]
 Keep = Annotated[str | None, typer.Option("--keep", metavar="SHARE", help="Remove elements; those that stay have this share of activity.")]
 Guard = Annotated[
     bool, typer.Option("--guard/--no-guard", metavar="", help="Keep a term whose rms effort (flow) is above the threshold all the same.")
@@ -102,6 +104,7 @@ def condition(
     keep: Keep = None,
     outputs: arg.Outputs = None,
     shaft: arg.Shaft = None,
+    tries: Tries = None,
     model: arg.ModelName = None,
     guard: Guard = True,
     force: arg.Force = False,
@@ -120,7 +123,8 @@ def condition(
         raise typer.BadParameter("it says whose error may be how large, and goes with --max-error", param_hint="--outputs/--shaft")
     found = measured(file, model, run)
     if allowed is not None:
-        result = _searched(found, allowed, output, arg.names(outputs), shaft, guard)
+        how = {"guard": guard, "outputs": arg.names(outputs), "shaft": shaft, "most": tries or math.inf}
+        result = _searched(found, allowed, output, how)
         text = result.reduced.source if result.reduced is not None else found.model.source
         write(output, text, ours=_is_conditioned, force=force)
         if format is arg.Format.JSON:
@@ -184,13 +188,11 @@ def _listed(report: ActivityReport) -> Callable[[Iterable[int]], list[dict[str, 
 # ---------------------------------------------------------------------------------------------------------------- search
 
 
-def _searched(found: Measured, allowed: float, output: Path, outputs: tuple[str, ...] | None, shaft: str | None, guard: bool) -> Searched:
+def _searched(found: Measured, allowed: float, output: Path, how: dict[str, Any]) -> Searched:
     from bgdsl.searching import smallest
 
     with console.progress("looking for the smallest") as progress:
-        return smallest(
-            found, allowed, guard=guard, outputs=outputs, folder=output.parent, file=output.name, shaft=shaft, progress=progress
-        )
+        return smallest(found, allowed, folder=output.parent, file=output.name, progress=progress, **how)
 
 
 def _search_document(found: Measured, result: Searched, allowed: float, output: Path) -> dict[str, Any]:
@@ -255,7 +257,7 @@ def _costly(report: ActivityReport, search: Search) -> str:
     text = console.table(("junction", "term", "rho", "error"), rows, right=(2, 3))
     tail = [f"and {left} more (`--format json` lists them)"] if left else []
     if search.ended is not None:
-        tail.append(f"above {_percent(search.ended)} nothing was tried any more: too many in a row had cost too much")
+        tail.append(f"above {_percent(search.ended)} nothing was tried any more")
     return "\n".join([head, text, *tail])
 
 

@@ -24,8 +24,11 @@ from bgdsl.ir.scalar import ScalarGraph
 LARGEST_BLOCK = 64
 """Families of terms that are tried at once, at most."""
 
-PATIENCE = 16
+PATIENCE = 32
 """So many families in a row that cost too much end the search: activity tells enough for the rest to be no better."""
+
+LITTLE_PATIENCE = 4
+"""The same for those that are slow to try."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +82,8 @@ class Search:
     trials: int = 0
 
 
-Attempt = Callable[[float, frozenset[int] | None], Candidate]
-"""Try the model without the terms below a threshold, or of these only the ones given."""
+Attempt = Callable[[float, frozenset[int]], Candidate]
+"""Try the model without these terms, which lie below a threshold."""
 
 
 def above(level: float) -> float:
@@ -94,20 +97,25 @@ def smallest_within(
     allowed: float,
     attempt: Attempt,
     *,
+    slow: Sequence[Family] = (),
     patience: int = PATIENCE,
+    most: float = math.inf,
     progress: Callable[[float], None] | None = None,
 ) -> Search:
-    """The whole search. levels: of every term that may fall; families: the same terms, like ones together, by level."""
-    first = by_threshold(sorted({above(level) for level in levels.values()}), allowed, lambda level: attempt(level, None))
-    growth = _Growth(allowed, attempt, first.best, patience)
+    """The whole search. levels: of every term that may fall; families: the same terms, like ones together, by level. slow: further
+    ones, which are looked at last. most: so many trials are made at most (and the few that a block under way still needs)."""
+    thresholds = sorted({above(level) for level in levels.values()})
+    first = by_threshold(thresholds, allowed, lambda threshold: attempt(threshold, frozenset(t for t in levels if levels[t] < threshold)))
+    growth = _Growth(allowed, attempt, first.best, trials=first.trials, most=most)
     dropped = first.best.terms if first.best is not None else frozenset()
     left = [family for family in families if not dropped.issuperset(family.terms)]
-    growth.run(left, progress or (lambda share: None))
+    ended = growth.run(left, patience, progress or (lambda share: None))
+    growth.run(slow, LITTLE_PATIENCE, lambda share: None)
     tried: dict[frozenset[int], Candidate] = {}
     for candidate in sorted((*first.tried, *growth.steps), key=lambda c: (c.dropped, c.threshold)):
         tried.setdefault(candidate.terms, candidate)
     guilty = tuple(sorted(growth.guilty, key=lambda g: (g.family.level, g.family.terms)))
-    return Search(growth.best and tried[growth.best.terms], tuple(tried.values()), guilty, growth.ended, first.trials + growth.trials)
+    return Search(growth.best and tried[growth.best.terms], tuple(tried.values()), guilty, ended, growth.trials)
 
 
 def by_threshold(
@@ -148,16 +156,18 @@ class _Growth:
     allowed: float
     attempt: Attempt
     best: Candidate | None
-    patience: int
+    trials: int
+    most: float
     steps: list[Candidate] = field(default_factory=list)
     guilty: list[Guilty] = field(default_factory=list)
-    ended: float | None = None
-    trials: int = 0
     in_a_row: int = 0
 
-    def run(self, families: Sequence[Family], progress: Callable[[float], None]) -> None:
-        at, size = 0, 1
+    def run(self, families: Sequence[Family], patience: int, progress: Callable[[float], None]) -> float | None:
+        """Look at all families; the level at which patience or the trials ended, None if none did."""
+        at, size, self.in_a_row = 0, 1, 0
         while at < len(families):
+            if self.in_a_row >= patience or self.trials >= self.most:
+                return families[at].level
             block = families[at : at + size]
             before = len(self.guilty)
             self.settle(block, None)
@@ -166,9 +176,7 @@ class _Growth:
             found = len(self.guilty) - before
             # after a failure the next block is as long as what lay between two guilty ones
             size = min(LARGEST_BLOCK, 2 * size) if not found else max(1, len(block) // (2 * found))
-            if self.in_a_row >= self.patience and at < len(families):
-                self.ended = families[at].level
-                break
+        return None
 
     def settle(self, block: Sequence[Family], error: float | None) -> bool:
         """Add what can be added of a block. error: what all of it would make, if that is known to be too much. Was all of it added?"""

@@ -29,10 +29,10 @@ MODELS = Path(__file__).parent.parent.parent / "models"
 def costs(price: dict[int, float], tried: list[frozenset[int]], levels: dict[int, float]) -> Callable[..., Candidate]:
     """Trials of a model whose error is the sum of its terms' prices."""
 
-    def attempt(threshold: float, terms: frozenset[int] | None) -> Candidate:
-        chosen = frozenset(t for t, level in levels.items() if level < threshold) if terms is None else terms
-        tried.append(chosen)
-        return Candidate(threshold, chosen, 1, sum(price[t] for t in chosen), 0.0)
+    def attempt(threshold: float, terms: frozenset[int]) -> Candidate:
+        assert all(levels[t] < threshold for t in terms)
+        tried.append(terms)
+        return Candidate(threshold, terms, 1, sum(price[t] for t in terms), 0.0)
 
     return attempt
 
@@ -69,6 +69,22 @@ def test_the_search_ends_where_too_many_in_a_row_cost_too_much() -> None:
     assert found.best.dropped == 100
     assert len(found.guilty) == 5
     assert found.ended == pytest.approx(0.106)
+
+
+def test_what_is_slow_to_try_comes_last_and_trials_can_be_limited() -> None:
+    levels = {t: 0.001 * (t + 1) for t in range(100)}
+    price = dict.fromkeys(levels, 0.0) | {10: 1.0, 90: 1.0, 95: 1.0}
+    single = [Family((t,), v) for t, v in levels.items()]
+    quick = {t: v for t, v in levels.items() if t < 90}
+    tried: list[frozenset[int]] = []
+    found = smallest_within(quick, single[:90], 0.5, costs(price, tried, levels), slow=single[90:])
+    assert found.best is not None
+    assert found.best.terms == set(levels) - {10, 90, 95}
+    slow = [not terms.isdisjoint(range(90, 100)) for terms in tried]
+    assert slow == sorted(slow)
+    few = smallest_within(levels, single, 0.5, costs(price, [], levels), most=10)
+    assert few.ended is not None
+    assert few.trials <= 10 + 7
 
 
 def test_nothing_may_fall() -> None:

@@ -169,7 +169,7 @@ def _numbers(value: Any) -> np.ndarray[Any, Any] | None:
         found = np.asarray(value)
     except ValueError:
         return None
-    return found.astype(float) if found.dtype.kind in "bif" and found.size else None
+    return found.astype(float) if found.dtype.kind in "bif" else None
 
 
 def given_numbers(value: Any, name: str, shape: tuple[int, ...], span: Span) -> tuple[Expr, ...]:

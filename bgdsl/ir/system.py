@@ -49,7 +49,8 @@ class EquationSystem:
     values: every variable that is no unknown but an expression of them (aliases, bond efforts and flows, powers, energies), by
     scalar name; made when asked for. dependent: the p or q of each storage in derivative causality, an unknown, with the start
     that the user gave or None. invariants: residuals that the equations keep at zero (differentiated constraints).
-    initial: the initial equations, over states and unknowns. guesses: where Newton iterations for an unknown begin.
+    initial: the initial equations, over states and unknowns. guesses: where Newton iterations for an unknown begin. input_rates:
+    derivatives of inputs that are read (`der(u)`), inputs themselves.
     """
 
     graph: BondGraph
@@ -61,6 +62,7 @@ class EquationSystem:
     invariants: tuple[Equation, ...] = ()
     initial: tuple[SignalEquation, ...] = ()
     guesses: Mapping[str, Expr] = field(default_factory=dict)
+    input_rates: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

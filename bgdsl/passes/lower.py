@@ -39,7 +39,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
     report.stop_if_errors()
     derivatives = _derivatives(system, steps, known)
     outputs = tuple(_outputs(graph, known))
-    inputs = tuple(_inputs(graph))
+    inputs = (*_inputs(graph), *(Record(name) for name in system.input_rates))
     initial_steps = _initial_steps(sorted_system, report)
     report.stop_if_errors()
     return Program(

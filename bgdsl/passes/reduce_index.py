@@ -3,7 +3,7 @@
 Input        EquationSystem  with derivatives of algebraic variables wanted, and equations that no unknown is left for
 Output       EquationSystem  square; such derivatives are unknowns with equations, such equations are invariants
 Establishes  every equation without an unknown of its own is replaced by its time derivative, once
-Reports      BG503 the derivative of an input is needed, BG504 the index is too high
+Reports      BG503 the derivative of an input is needed (warning), BG504 the index is too high
 
 A dependent storage wants `der(p)` of a momentum p that other states give; a constraint that no multiplier enters
 algebraically has to hold for its derivative instead. Both come down to one closure: to differentiate an equation, the derivative
@@ -21,11 +21,11 @@ from typing import NoReturn
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import ONE, ZERO, Expr, add, partials, topological, var, variables
 from bgdsl.ir.elements import KINDS
-from bgdsl.ir.graph import Element
+from bgdsl.ir.graph import Element, Origin
 from bgdsl.ir.system import Equation, EquationSystem, State, derivative_name, incidence
 from bgdsl.passes.matching import FREE, Matching, match, underdetermined
 
-INPUT_DERIVATIVE = Code("BG503", "the derivative of an input is needed")
+INPUT_DERIVATIVE = Code("BG503", "the derivative of an input is needed", "warning")
 HIGH_INDEX = Code("BG504", "the equations constrain the states too deeply")
 
 
@@ -175,6 +175,7 @@ def _differentiated(
         unknowns=(*system.unknowns, *(derivative_name(v) for v in names if derivative_name(v) not in present)),
         equations=(*(e for i, e in enumerate(system.equations) if i not in gone), *derived),
         invariants=tuple(system.equations[i] for i in sorted(gone)),
+        input_rates=_needed_rates(system, derived, report),
     )
 
 
@@ -194,17 +195,31 @@ def _differentiate(system: EquationSystem, equations: list[Equation], names: Ite
     """The total time derivatives of the equations."""
     rate: dict[Expr, Expr] = {var(state.name): var(derivative_name(state.name)) for state in system.states}
     rate |= {var(v): var(derivative_name(v)) for v in names}
-    inputs = {name for signal in system.graph.signals if signal.role == "input" for name in signal.scalars()}
+    inputs = [name for signal in system.graph.signals if signal.role == "input" for name in signal.scalars()]
+    rate |= {var(v): var(derivative_name(v)) for v in inputs}
+    before = [var(v) for v in system.input_rates]
     derived = []
     for equation in equations:
-        needed = [n for n in inputs if _needs(equation, var(n), rate)] if inputs else []
-        if needed:
-            _report_input(system, equation, needed[0], report)
-            continue
+        if any(_needs(equation, leaf) for leaf in before):
+            _report_high_index([equation], report)
         left, right = rates((equation.left, equation.right), rate)
         assigned = None if equation.assigned is None else derivative_name(equation.assigned)
         derived.append(Equation(left, right, assigned, equation.element, equation.origin))
     return derived
+
+
+def _needed_rates(system: EquationSystem, derived: Iterable[Equation], report: Reporter) -> tuple[str, ...]:
+    """The derivatives of inputs that the equations read. BG503 for each, once."""
+    rates_of = {derivative_name(name): signal for signal in system.graph.signals if signal.role == "input" for name in signal.scalars()}
+    if not rates_of:
+        return ()
+    found = dict.fromkeys(system.input_rates)
+    for equation in derived:
+        for name in variables((equation.left, equation.right)):
+            if name in rates_of and name not in found:
+                found[name] = None
+                _report_input(equation, name, rates_of[name].origin, report)
+    return tuple(found)
 
 
 def rates(roots: Iterable[Expr], known: dict[Expr, Expr]) -> list[Expr]:
@@ -224,7 +239,7 @@ def _rate(node: Expr, known: Mapping[Expr, Expr]) -> Expr:
     return add(slopes[k] * known[node.args[k]] for k in moving)
 
 
-def _needs(equation: Equation, leaf: Expr, rate: Mapping[Expr, Expr]) -> bool:
+def _needs(equation: Equation, leaf: Expr) -> bool:
     """Whether the equation's derivative would need that of the leaf."""
     slope = rates((equation.left, equation.right), {leaf: ONE})
     return any(not value.is_zero for value in slope)
@@ -233,16 +248,15 @@ def _needs(equation: Equation, leaf: Expr, rate: Mapping[Expr, Expr]) -> bool:
 # --------------------------------------------------------------------------------------------------------- what is wrong
 
 
-def _report_input(system: EquationSystem, equation: Equation, name: str, report: Reporter) -> None:
-    origin = next(signal.origin for signal in system.graph.signals if name in signal.scalars())
+def _report_input(equation: Equation, name: str, origin: Origin, report: Reporter) -> None:
     report.add(
         INPUT_DERIVATIVE,
-        f"the derivative of input `{name}` is needed, and only its values are given",
+        f"the derivative of input `{name[4:-1]}` is needed",
         equation.origin.span,
         f"`{equation.element}` follows the input and has to be differentiated",
         others=[(origin.span, "the input")],
-        notes=["a storage or a constraint whose state is fixed by the input takes part through the rate of change of that state"],
-        helps=["let the input act through a C, R or I, so that no state is fixed by it", "or make it a state: `der(x) = (input - x)/T`"],
+        notes=[f"where no `{name}` is given beside the input, it is the slope of the curve through the input's values"],
+        helps=["nothing has to be done where the input is smooth; a C, R or I between makes the state its own"],
     )
 
 

@@ -75,7 +75,8 @@ def no_inputs() -> InputSignals:
 def input_signals(
     names: Sequence[str], source: Path | Mapping[str, Any] | None, start: float, stop: float, report: Reporter
 ) -> InputSignals:
-    """The signals of the inputs `names` from a file or from arrays by name (`time` among them)."""
+    """The signals of the inputs `names` from a file or from arrays by name (`time` among them). The derivative of one (`der(u)`) that
+    is not given is the slope of the curve through its values."""
     if not names:
         if isinstance(source, Path | str) and not Path(source).exists():
             report.fail(BAD_RECORD, f"there is no file {source}", said(str(source)), notes=("the model has no inputs, and needs none",))
@@ -97,13 +98,14 @@ def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start
     import numpy as np
 
     where = said(place)
-    missing = [name for name in ("time", *names) if name not in columns]
+    of = {name: name[4:-1] for name in names if name.startswith("der(") and name not in columns}
+    missing = [name for name in dict.fromkeys(("time", *(of.get(name, name) for name in names))) if name not in columns]
     for name in missing:
         helps = did_you_mean(name, columns) or ((f"it has {listed(columns)}",) if columns else ())
         report.add(NO_SIGNAL, f"there is no column `{name}` in {place}", where, helps=helps)
     report.stop_if_errors()
     time = np.asarray(columns["time"], dtype=float)
-    values = np.column_stack([np.asarray(columns[name], dtype=float) for name in names])
+    values = np.column_stack([np.asarray(columns[of.get(name, name)], dtype=float) for name in names])
     if len(time) < 2 or values.shape[0] != len(time):
         report.fail(BAD_RECORD, f"{place} has {len(time)} rows; at least 2 are needed", where)
     if not (np.diff(time) > 0).all():
@@ -120,7 +122,12 @@ def _splines(names: Sequence[str], columns: Mapping[str, Any], place: str, start
             where,
             notes=("inputs are interpolated, never extrapolated",),
         )
-    return InputSignals(time, values, spline_slopes(time, values), np.zeros(0))
+    slopes = spline_slopes(time, values)
+    derived = [k for k, name in enumerate(names) if name in of]
+    if derived:
+        values[:, derived] = slopes[:, derived]
+        slopes[:, derived] = spline_slopes(time, np.ascontiguousarray(values[:, derived]))
+    return InputSignals(time, values, slopes, np.zeros(0))
 
 
 def spline_slopes(time: Floats, values: Floats) -> Floats:

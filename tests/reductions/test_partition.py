@@ -242,3 +242,27 @@ def test_playback_of_the_driving_run_is_within_the_tolerance(
     apart = driven.simulate("kick", interval=1e-3, tolerance=1e-9, stop=1.0, inputs=record)
     most = np.abs(together["vB.f"]).max()
     assert np.abs(apart["vB.f"] - together["vB.f"]).max() < 1e-6 * most
+
+
+FOLLOWS = """model Follows "a heavy swing moves a small mass through a lever: the mass has no state of its own"
+  J1 a;  I ma(I = 100, f(start = 1));  C ka(k = 400);
+  TF lever(m = 0.5);  J1 b;  I mb(I = 1e-3);  R rb(R = 1e-3);
+  output Real felt = mb.e + rb.e;
+equation
+  a -> ma, ka;  a -> lever -> b;  b -> mb, rb;
+end Follows;
+"""
+
+
+def test_a_driven_part_may_need_the_rate_of_what_drives_it() -> None:
+    """A dependent storage in the driven part: its effort is its inertia times the slope of the record."""
+    model = pipeline.loads(FOLLOWS)
+    report = measure(model, stop=5.0, interval=0.01, tolerance=1e-9)
+    driving, driven = write_partitions(model.scalar, report, found(model, report, 0.01), provenance(model, report, 0.01), "follows")
+    assert dict(driven.inputs) == {"a.f": "a_f"}
+    system = pipeline.loads(driven.text).compile()
+    assert [record.name for record in system.inputs] == ["a_f", "der(a_f)"]
+    whole = model.compile().simulate(stop=5.0, interval=0.01, tolerance=1e-9)
+    heavy = pipeline.loads(driving.text).compile().simulate(stop=5.0, interval=0.01, tolerance=1e-9)
+    played = system.simulate(stop=5.0, interval=0.01, inputs={"time": heavy.time, "a_f": heavy["a_f"]})
+    assert np.abs(played["felt"] - whole["felt"]).max() < 1e-4 * np.abs(whole["felt"]).max()

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
+from bgdsl import pipeline
 from bgdsl.simulate.addresses import Addresses
 from bgdsl.simulate.direct import DirectModel
 from bgdsl.simulate.inputs import InputSignals, spline_slopes
@@ -50,3 +51,21 @@ def test_between_the_rows_the_kernel_and_python_follow_the_spline(count: int) ->
         expected = np.concatenate([spline(t), spline(t, 1)])
         assert u[:14] == pytest.approx(expected, rel=1e-11, abs=1e-11) and inputs(t)[:14] == pytest.approx(expected, rel=1e-11, abs=1e-11)
         assert u[14] == settings[0] - 1.0 and tuple(inputs(t)[14:]) == tuple(settings)
+
+
+def test_a_mass_that_an_input_moves_feels_the_slope_of_the_record() -> None:
+    system = pipeline.loads(
+        """model Shaker
+          input Real v;  MSf drive(f = v);  J1 table;  I mass(I = 2);
+          output Real force = mass.e;
+        equation
+          drive -> table;  table -> mass;
+        end Shaker;"""
+    ).compile()
+    assert [record.name for record in system.inputs] == ["v", "der(v)"]
+    time = np.linspace(0, 2, 201)
+    record = {"time": time, "v": np.sin(3 * time)}
+    run = system.simulate(stop=2, interval=0.013, tolerance=1e-8, inputs=record)
+    assert np.abs(run["force"] - 6 * np.cos(3 * run.time)).max() < 2e-5  # the spline's error: h^3 in the slope
+    told = system.simulate(stop=2, interval=0.01, tolerance=1e-8, inputs={**record, "der(v)": np.full(201, 7.0)})
+    assert told["force"] == pytest.approx(14.0)  # what is given is believed

@@ -54,7 +54,8 @@ def inline(definition: Definition, node: ast.Call, inner: Context, outer: Contex
             return _run(definition, inputs, arguments, node, inner)
         columns = {name: value.flat if shape_of(value) == mapped else [value] * int(np.prod(mapped)) for name, value in arguments.items()}
         rows = [_run(definition, inputs, dict(zip(columns, row, strict=True)), node, inner) for row in zip(*columns.values(), strict=True)]
-        return array_of(rows, mapped)
+        inside = shape_of(rows[0]) if rows else ()  # of what the function gives for one entry
+        return array_of([entry for row in rows for entry in entries(row)], (*mapped, *inside))
     finally:
         build.calls.pop()
 

@@ -114,11 +114,11 @@ def _promote(system: EquationSystem) -> EquationSystem:
         return system
     under = {structure.unknowns[j] for j in underdetermined(structure.rows, structure.matching)}
     given = {e.assigned for e in system.equations}
-    loose = [v for v in system.unknowns if v in under and v not in given and derivative_name(v) in under][:missing]
     origins = {j.variable(i): j.origin for j in system.graph.junctions for i in range(j.size or 1)}
     origins |= {
         p.variable(e.name, letter, i): e.origin for e in system.graph.elements for p in e.ports for letter in "ef" for i in range(p.width)
     }
+    loose = [v for v in system.unknowns if v in under and v in origins and v not in given and derivative_name(v) in under][:missing]
     states = tuple(State(v, ZERO, "", "", origins[v], "common", fixed=False) for v in loose)
     return replace(system, states=(*system.states, *states), unknowns=tuple(v for v in system.unknowns if v not in loose))
 

@@ -85,6 +85,8 @@ algorithm
     y := y + v[i];
   end for;
 end total;
+function pair(x, y) = {x, x*y};
+function column(x) = [x; 2*x];
 function half
   input Real x;  input Real by = 2;
   output Real y = x/by;
@@ -93,11 +95,14 @@ end half;
 model M
   parameter Real a = poly(2, {1, 1, 1});  parameter Real b[2] = rotated(pi/2, {1, 0});
   parameter Real c = total({1, 2, 3});  parameter Real d[2] = half({2, 4});  parameter Real e = half(9, by = 3);
+  parameter Real g[3,2] = pair({1, 2, 3}, 10);  parameter Real h[2,2,1] = column({1, 3});
 """
     graph = flat(text + TAIL)
     assert values(graph, "a") == [7]
     assert values(graph, "b") == pytest.approx([0, 1])
     assert [values(graph, name) for name in "cde"] == [[6], [1, 2], [3]]
+    assert values(graph, "g") == [1, 10, 2, 20, 3, 30], "a function of scalars that gives an array, applied to each entry"
+    assert values(graph, "h") == [1, 2, 3, 6]
 
 
 def test_structural_zeros_survive_products(seen) -> None:

@@ -190,12 +190,12 @@ def _written(measured: Measured, decision: Decision, head: Provenance, folder: P
             folder=folder,
             more=edits or (),
             changed=measured.changed,
-            form="auto" if edits is not None else "flat",
+            form="auto" if edits is not None else "opened",
         )
 
     written, decision = repaired(model.scalar, measured.report, decision, write, lambda text: fault_of(model, text, folder))
     original = model.library.main.source
-    as_formatted = written.flat or tidy(original.text) == original.text
+    as_formatted = written.opened or tidy(original.text) == original.text
     return Reduced(tidy(written.text) if as_formatted else written.text, measured, decision, written)
 
 

@@ -152,7 +152,7 @@ def _told(reduced: Reduced, output: Path, accuracy: Comparison | None, format: a
         back = ", ".join(records[t].name for t in decision.reinstated)
         console.out(f"taken back, since a junction would have been left undetermined: {back}")
     for reason in reduced.rewrite.reasons:
-        console.message(f"written as one flat model: {reason}")
+        console.message(f"written with its vectors opened: {reason}")
     if accuracy is not None:
         console.out(_accuracy(accuracy))
 
@@ -237,7 +237,7 @@ def _search_told(result: Searched, allowed: float, output: Path) -> None:
     terms = len(result.reduced.measured.model.scalar.terms)
     console.out(f"\n{output}: {len(result.reduced.decision.dropped)} of {terms} terms dropped, {search.trials} models tried")
     for reason in result.reduced.rewrite.reasons:
-        console.message(f"written as one flat model: {reason}")
+        console.message(f"written with its vectors opened: {reason}")
     if search.best is not None and abs(search.best.error - result.accuracy.worst) > DIFFERS * allowed:
         console.message(f"tried at a looser tolerance its error was {_percent(search.best.error)}")
     console.out(_accuracy(result.accuracy))

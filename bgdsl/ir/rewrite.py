@@ -21,12 +21,13 @@ class Change:
 class Rewrite:
     """text: the whole new file. forward: flat paths that did not stay (new path, or None where the thing is gone); every other
     path is what it was. specialised: new class names with the class each was copied from. taken_back: terms that were to be
-    dropped and stay, with the reason. flat: the model is written without its classes and vectors, for the `reasons` given."""
+    dropped and stay, with the reason. opened: the model was put together anew, vectors opened where they are cut, for the `reasons`
+    given."""
 
     text: str
     changes: tuple[Change, ...] = ()
     forward: Mapping[str, str | None] = field(default_factory=dict)
     specialised: Mapping[str, str] = field(default_factory=dict)
     taken_back: Mapping[int, str] = field(default_factory=dict)
-    flat: bool = False
+    opened: bool = False
     reasons: tuple[str, ...] = ()

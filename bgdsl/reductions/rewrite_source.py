@@ -35,7 +35,6 @@ from bgdsl.reductions.specialise import Describe, specialise, term_mark
 from bgdsl.reductions.structured_text import structured_text
 from bgdsl.reductions.two_ports import in_sources, write_split
 from bgdsl.source import Edit
-from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library
 
 
@@ -63,35 +62,6 @@ class Provenance:
         return f"annotation({self.kind}({', '.join(parts)}));"
 
 
-def conditioned_before(model: ast.Model, threshold: float, experiment: str | None, window: tuple[float, float]) -> bool:
-    """Does an annotation say that this model was conditioned at this threshold or a larger one, over the same run?
-
-    Then nothing more falls at it: what was measured was the full model, and its terms are the ones that the threshold is about.
-    """
-    for item in model.items:
-        for argument in item.arguments if isinstance(item, ast.Annotation) else ():
-            if not isinstance(argument, ast.Modifier) or argument.name.text != "conditioned":
-                continue
-            said = {inner.name.text: inner.value for inner in argument.nested if isinstance(inner, ast.Modifier)}
-            same_run = _literal(said.get("experiment")) == experiment and _literal(said.get("window")) == window
-            before = _literal(said.get("threshold"))
-            if same_run and isinstance(before, float) and before >= threshold:
-                return True
-    return False
-
-
-def _literal(value: ast.Expression | None) -> object:
-    match value:
-        case ast.Number():
-            return float(value.value)
-        case ast.String():
-            return value.value
-        case ast.Array():
-            return tuple(_literal(item) for item in value.items)
-        case _:
-            return None
-
-
 def number(value: float) -> str:
     """A number as the language writes it: the shortest text that gives it back."""
     if value == int(value) and abs(value) < 1e15:
@@ -109,27 +79,27 @@ def rewrite(
     folder: Path | None = None,
     more: tuple[Edit, ...] = (),
     changed: Mapping[str, float] | None = None,
-    form: Literal["auto", "kept", "flat"] = "auto",
+    form: Literal["auto", "kept", "opened"] = "auto",
 ) -> tuple[Rewrite, Decision]:
     """The new text, and the decision as it was written: less the terms whose change cannot be written.
 
     folder: where the file goes, if not beside the model; more: further edits of the main file. form: `kept` keeps the classes, and
-    takes back the terms that cannot be written so; `flat` writes one flat model; `auto` is flat where `kept` would have to take terms
-    back. BG703 if the file cannot be put together at all.
+    takes back the terms that cannot be written so; `opened` puts the model together anew, its vectors opened where they are cut; `auto`
+    does so where `kept` would have to take terms back. BG703 if the file cannot be put together at all.
     """
     if plan(scalar, decision).empty and not more and not changed:
         return Rewrite(library.main.source.text), decision
-    if form == "flat":
-        return _flat(scalar, report, decision, provenance, folder, changed or {}, {}), decision
+    if form == "opened":
+        return _opened(scalar, report, decision, provenance, folder, changed or {}, {}), decision
     try:
         result, settled = _kept(library, scalar, report, decision, provenance, folder, more)
     except UnwritableError as problem:
         if form == "kept":
             refuse(scalar.graph, problem.reason)
-        return _flat(scalar, report, decision, provenance, folder, changed or {}, {-1: problem.reason}), decision
+        return _opened(scalar, report, decision, provenance, folder, changed or {}, {-1: problem.reason}), decision
     if form == "auto" and result.taken_back:
         with suppress(BgError):
-            return _flat(scalar, report, decision, provenance, folder, changed or {}, result.taken_back), decision
+            return _opened(scalar, report, decision, provenance, folder, changed or {}, result.taken_back), decision
     return result, settled
 
 
@@ -158,7 +128,7 @@ def _kept(
             decision = settle(scalar, decision.without(back))
 
 
-def _flat(
+def _opened(
     scalar: ScalarGraph,
     report: ActivityReport,
     decision: Decision,
@@ -176,7 +146,7 @@ def _flat(
     changes = tuple(Change(comments[t], scalar.terms[t].origin.span, (t,)) for t in sorted(decision.dropped))
     # one reason for all elements of an array
     told = tuple(dict.fromkeys(re.sub(r"\[[\d,]+\]", "", reason) for reason in reasons.values()))
-    return Rewrite(new.text, changes, new.forward, flat=True, reasons=told)
+    return Rewrite(new.text, changes, new.forward, opened=True, reasons=told)
 
 
 def _written(

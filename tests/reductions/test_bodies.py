@@ -1,4 +1,4 @@
-"""Rigid bodies from the library: classes, vectors and matrices kept, and equal to the flat form."""
+"""Rigid bodies from the library: classes, vectors and matrices kept, and equal to the form with vectors opened."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def two() -> tuple[pipeline.Model, ActivityReport]:
 
 
 @pytest.mark.parametrize("threshold", [1e-4, 1e-3, 1e-2, 5e-2])
-def test_kept_and_flat_say_the_same(two: tuple[pipeline.Model, ActivityReport], threshold: float) -> None:
+def test_kept_and_opened_say_the_same(two: tuple[pipeline.Model, ActivityReport], threshold: float) -> None:
     model, report = two
     decision = reinstate(model.scalar, report, decide(model.scalar, report, threshold, guard=False))
     assert decision.dropped
     head = provenance(model, report, threshold)
     kept, settled = rewrite(model.library, model.scalar, report, decision, head, form="kept")
     assert not kept.taken_back
-    flat, _ = rewrite(model.library, model.scalar, report, settled, head, form="flat")
+    opened, _ = rewrite(model.library, model.scalar, report, settled, head, form="opened")
     rng = random.Random(1)
     reduced = pipeline.loads(kept.text)
     states = {record.name: rng.uniform(-0.5, 0.5) for record in reduced.program.states}
     found = rates(reduced, states)
-    again = pipeline.loads(flat.text)
-    moved = {state: flat.forward.get(state, state) for state in states}
+    again = pipeline.loads(opened.text)
+    moved = {state: opened.forward.get(state, state) for state in states}
     wanted = rates(again, {moved[state]: value for state, value in states.items()})
     assert {moved[state]: value for state, value in found.items()} == pytest.approx(wanted, rel=1e-9, abs=1e-9)
 

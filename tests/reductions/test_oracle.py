@@ -78,9 +78,9 @@ def assert_equal(model: pipeline.Model, result: Rewrite, decision: Decision, sta
     assert {moved[state]: value for state, value in wanted.items()} == pytest.approx(found, abs=1e-9)
 
 
-@pytest.mark.parametrize("form", ["kept", "flat"])
+@pytest.mark.parametrize("form", ["kept", "opened"])
 @pytest.mark.parametrize("seed", range(24))
-def test_written_model_equals_the_oracle(seed: int, form: Literal["kept", "flat"]) -> None:
+def test_written_model_equals_the_oracle(seed: int, form: Literal["kept", "opened"]) -> None:
     model, report, decision, states = decided(random_model(seed), seed)
     head = provenance(model, report, 0.5)
     result, decision = rewrite(model.library, model.scalar, report, decision, head, form=form)

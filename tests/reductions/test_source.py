@@ -47,7 +47,7 @@ equation
 end Pair;
 """
     )
-    assert not result.flat
+    assert not result.opened
     assert "model Cell " in result.text
     assert result.text.count("model Cell") == 1
     assert "R air" not in result.text
@@ -70,7 +70,7 @@ equation
 end Pair;
 """
     )
-    assert not result.flat
+    assert not result.opened
     assert result.specialised == {"Cell_a": "Cell"}  # `c` shares the copy made for `a`
     assert "  Cell_a a(mass(f(start = 1)));" in result.text
     assert '  Cell b(mass(f(start = 2)), drag = 1) "strong drag";' in result.text
@@ -93,7 +93,7 @@ equation
 end Row;
 """
     )
-    assert not result.flat
+    assert not result.opened
     assert "R air" not in result.text
     assert "Cell cell[3](mass(f(start = {1, 2, 3})));" in result.text
     recompiled(result.text)
@@ -115,7 +115,7 @@ end Fan;
         0.005,
         max_step=0.01,
     )
-    assert not result.flat
+    assert not result.opened
     assert "    hub -> hub_rim[i].p1[1];  hub_rim[i].p2[1] -> rim[i];\n" in result.text
     assert "    rim[i] -> soft[i], far[i];  far[i] -> bob[i];\n" in result.text
     again = recompiled(result.text)
@@ -133,7 +133,7 @@ equation
 end Row;
 """
     )
-    assert not result.flat
+    assert not result.opened
     assert "  Cell cell[2](mass(f(start = {1, 2})), drag = {1e-7, 1});\n  redeclare Cell_cell_1 cell[1];\n" in result.text
     names = {e.name for e in recompiled(result.text).graph.elements}
     assert "cell[2].air" in names
@@ -147,7 +147,7 @@ def test_files_beside_the_model_are_copied_in(tmp_path: Path) -> None:
     (tmp_path / "one.bg").write_text(main, "utf-8")
     model = pipeline.load(tmp_path / "one.bg")
     result, _ = condition(model, measure(model, stop=3.0, interval=0.1, tolerance=1e-8), 0.01)
-    assert not result.flat
+    assert not result.opened
     assert "import" not in result.text
     assert "// A mass on a spring" in result.text
     assert str(tmp_path) not in result.text
@@ -189,7 +189,7 @@ end Named;
 """,
         0.02,
     )
-    assert not result.flat
+    assert not result.opened
     assert "pull: " in result.text
     again = recompiled(result.text)
     assert [record.name for record, _ in again.program.outputs] == ["force"]

@@ -1,8 +1,9 @@
 """The paper's reductions again: what falls, what comes apart, how accurate and how fast the rest is. Every number of docs/engine-study.md.
 
-    python benchmarks/reduction_study.py [--write] [--files]
+    python benchmarks/reduction_study.py [--write] [--files] [--search]
 
-prints the tables; --write puts them into docs/engine-study.md; --files writes the reduced models anew into models/reduced.
+prints the tables; --write puts them into docs/engine-study.md; --files writes the reduced models anew into models/reduced; --search
+looks for the smallest engines again, which takes minutes: else their files name the terms that were found.
 
 Amplitudes are those of engine_study.py: last four cycles of 4 s, by order. Times are of one simulated second at 1e-6, after everything
 has been compiled; the models take turns, seven rounds at slightly different tolerances, and the median counts: a stiff solver's number of
@@ -29,10 +30,10 @@ from bgdsl.expr import topological
 from bgdsl.ir.program import Assign, Program, SolveLinear, SolveNewton
 from bgdsl.passes.dependencies import dependencies
 from bgdsl.playback import STEPS, play, recording_times
-from bgdsl.reduce import Measured, Partitioned, Scenario, condition, holdable, measure, partition
+from bgdsl.reduce import Measured, Partitioned, Scenario, condition, holdable, measure, partition, reduced
 from bgdsl.reductions.condition import decide
 from bgdsl.searching import Searched, smallest
-from bgdsl.verification import Verification, verify_reduced
+from bgdsl.verification import Verification, reduction_of, verify_reduced
 
 ROOT = Path(__file__).parent.parent
 MODELS = ROOT / "models"
@@ -93,7 +94,25 @@ def engine_partitions(found: Measured) -> Partitioned:
     return partition(found, THRESHOLD, stem="engine", folder=REDUCED / "engine_balanced", outputs=OUTPUTS)
 
 
-EIGHT = "engine_misfire_8_percent.bg"
+EIGHT, IDEAL_EIGHT = "engine_misfire_8_percent.bg", "engine_ideal_misfire_8_percent.bg"
+
+
+def ideal_misfire() -> Measured:
+    """The engine with ideal joints, misfiring, with its activities."""
+    return measured("engine_ideal.bg", "EngineIdeal", "misfire_settled")
+
+
+def write_smallest(found: Measured, file: Path) -> None:
+    """An engine's smallest model anew, by the choice that its file's annotation names."""
+    file.write_text(reduced(found, reduction_of(file).choice, folder=file.parent).source, "utf-8")
+
+
+def search_anew(found: Measured, file: Path) -> Searched:
+    """The smallest model of an engine, looked for and written."""
+    searched = smallest_engine(found, file)
+    assert searched.reduced is not None
+    file.write_text(searched.reduced.source, "utf-8")
+    return searched
 
 
 def smallest_engine(found: Measured, file: Path) -> Searched:
@@ -117,12 +136,11 @@ def write_partition(found: Partitioned, folder: Path) -> None:
 
 
 def write_files(balanced: Measured, misfire: Measured, small: Mapping[Small, Measured]) -> None:
-    """models/reduced, anew."""
+    """models/reduced, anew; the smallest engines by the terms that their files name."""
     write_partition(engine_partitions(balanced), REDUCED / "engine_balanced")
     (REDUCED / "engine_misfire_conditioned.bg").write_text(condition(misfire, CONDITIONED_AT, folder=REDUCED).source, "utf-8")
-    found = smallest_engine(misfire, REDUCED / EIGHT).reduced
-    assert found is not None
-    (REDUCED / EIGHT).write_text(found.source, "utf-8")
+    write_smallest(misfire, REDUCED / EIGHT)
+    write_smallest(ideal_misfire(), REDUCED / IDEAL_EIGHT)
     for one, found in small.items():
         apart = small_partitions(found, one)
         stem = one.file.removesuffix(".bg")
@@ -531,8 +549,6 @@ def tables() -> dict[str, str]:
     models |= {"within 8 %": orders(eight, "misfire"), "one way": orders(MODELS / "engine_owcm.bg", "misfire")}
     found["misfire"] = misfire_table(models)
     found["misfire variants"] = variant_table(misfire, full["misfire"])
-    searched = smallest_engine(misfire, eight)
-    found |= {"search": search_table(searched), "costly": costly_table(searched)}
     found["playback"] = playback_table()
     ideal = ideal_files()
     whole_engine = {"full": MODELS / "engine.bg"}
@@ -548,31 +564,31 @@ def tables() -> dict[str, str]:
 
 
 def ideal_files() -> dict[str, Path]:
-    """The engine with ideal joints, that conditioned for the misfire, and the smallest within the error allowed (in a folder of
-    their own)."""
+    """The engine with ideal joints, that conditioned for the misfire (in a folder of its own), and the smallest one."""
     import tempfile
 
-    found = measure(pipeline.load(MODELS / "engine_ideal.bg", "EngineIdeal"), Scenario("misfire_settled"))
     folder = Path(tempfile.mkdtemp(prefix="bgdsl-study-"))
-    conditioned, small = folder / "engine_ideal_conditioned.bg", folder / "engine_ideal_8_percent.bg"
-    conditioned.write_text(condition(found, CONDITIONED_AT, folder=folder).source, "utf-8")
-    searched = smallest_engine(found, small).reduced
-    assert searched is not None
-    small.write_text(searched.source, "utf-8")
-    return {"full, ideal joints": MODELS / "engine_ideal.bg", "conditioned at 0.3 %": conditioned, "within 8 %": small}
+    path = folder / "engine_ideal_conditioned.bg"
+    path.write_text(condition(ideal_misfire(), CONDITIONED_AT, folder=folder).source, "utf-8")
+    return {"full, ideal joints": MODELS / "engine_ideal.bg", "conditioned at 0.3 %": path, "within 8 %": REDUCED / IDEAL_EIGHT}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="put the tables into docs/engine-study.md")
     parser.add_argument("--files", action="store_true", help="write models/reduced anew")
+    parser.add_argument("--search", action="store_true", help="look for the smallest engines anew (some minutes), and write them")
     asked = parser.parse_args()
+    found: dict[str, str] = {}
+    if asked.search:
+        searched = search_anew(measured("engine.bg", "Engine", "misfire_settled"), REDUCED / EIGHT)
+        found = {"search": search_table(searched), "costly": costly_table(searched)}
+        found["search ideal"] = search_table(search_anew(ideal_misfire(), REDUCED / IDEAL_EIGHT))
     if asked.files:
         balanced, misfire = (measured("engine.bg", "Engine", f"{name}_settled") for name in ("balanced", "misfire"))
         write_files(balanced, misfire, {one: measured(one.file, one.model, one.experiment) for one in SMALL})
-        if not asked.write:
-            return
-    found = tables()
+    if asked.write or not (asked.search or asked.files):
+        found |= tables()
     for name, text in found.items():
         print(f"\n{name}\n{text}")
     if asked.write:

@@ -17,7 +17,7 @@ from bgdsl import pipeline
 from bgdsl.accuracy import Comparison, check_common, compare, worst_error
 from bgdsl.diagnostics import BgError, Reporter, RunError
 from bgdsl.passes.weights import WEIGHTS, weights_in
-from bgdsl.playback import Played, played
+from bgdsl.playback import Played, as_played, played
 from bgdsl.reduce import Measured, Reduced, Scenario, decision_text, reduced, reduced_already
 from bgdsl.reductions.condition import Decision, considered, settle
 from bgdsl.reductions.determined import Structure, gone_elements, reinstate
@@ -39,12 +39,13 @@ MOST_STEPS = 4
 @dataclass(frozen=True, eq=False)
 class Searched:
     """reduced: the smallest model within the error, None where no reduction is; accuracy: of it, measured on what was written.
-    search: every model tried; full: the full model's run."""
+    search: every model tried; full: the full model's run. choice: how the terms of the model written were chosen."""
 
     reduced: Reduced | None
     accuracy: Comparison | None
     search: Search
     full: Played
+    choice: Choice | None = None
 
 
 def smallest(
@@ -63,19 +64,21 @@ def smallest(
     variable that is a shaft's angle; errors are then taken at equal angles. most: how many models may be tried (about)."""
     named = None if outputs is None else tuple(name.replace(" ", "") for name in outputs)
     asked = Choice(0.0, guard, max_error=allowed, outputs=named, shaft=shaft)
-    trials = _Trials(measured, asked, (folder or Path()) / file)
     if reduced_already(measured, asked):
-        return Searched(reduced(measured, asked, folder=folder), None, Search(None, ()), trials.full)
+        run = as_played(measured.model.name, measured.model, measured.run)
+        return Searched(reduced(measured, asked, folder=folder), None, Search(None, ()), run)
+    trials = _Trials(measured, asked, (folder or Path()) / file)
     quick = {t: level for t, level in trials.levels.items() if t in trials.weighed}
     slow = {t: level for t, level in trials.levels.items() if t not in trials.weighed}
     like, others = (families(measured.model.scalar, levels) for levels in (quick, slow))
     found = smallest_within(quick, like, allowed, trials.attempt, slow=others, most=most, progress=progress)
     for candidate in sorted(found.tried, key=lambda c: (-c.dropped, c.error)):
         if candidate.error <= allowed and candidate.dropped:
-            written = reduced(measured, trials.choice(candidate), folder=folder)
+            choice = trials.choice(candidate)
+            written = reduced(measured, choice, folder=folder)
             accuracy = trials.accuracy(written)
             if accuracy is not None and accuracy.worst <= allowed:
-                return Searched(written, accuracy, replace(found, best=candidate), trials.full)
+                return Searched(written, accuracy, replace(found, best=candidate), trials.full, choice)
     return Searched(None, None, replace(found, best=None), trials.full)
 
 

@@ -9,7 +9,9 @@ import pytest
 from bgdsl import pipeline
 from bgdsl.accuracy import compare
 from bgdsl.playback import play
-from bgdsl.reduce import Measured, Partitioned, Scenario, condition, partition
+from bgdsl.reduce import Measured, Partitioned, Scenario, condition, decision_for, measure, partition, reduced
+from bgdsl.reductions.provenance import Choice
+from bgdsl.verification import reduction_of
 
 ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -141,3 +143,30 @@ def test_the_misfiring_engine_holds_together_and_is_conditioned_as_committed() -
     assert apart.files == ()
     assert len(apart.found.partitions.partitions) == 1
     assert apart.found.misses
+
+
+def test_the_smallest_misfiring_engine_is_written_as_committed_and_keeps_its_promise() -> None:
+    """The file's annotation says which terms were spared: the same choice writes the same bytes, and the error is what was allowed.
+
+    (The search that found them is too long for a test; `benchmarks/reduction_study.py --files` makes it again.)
+    """
+    path = REDUCED / study.EIGHT
+    choice = reduction_of(path).choice
+    assert (choice.max_error, choice.outputs, choice.shaft) == (study.ALLOWED, study.FORCES, "crank_angle")
+    found = study.measured("engine.bg", "Engine", "misfire_settled")
+    written = reduced(found, choice, folder=REDUCED)
+    assert written.source == path.read_text("utf-8")
+    by_threshold = decision_for(found, Choice(study.CONDITIONED_AT))
+    assert len(written.decision.dropped) > len(by_threshold.dropped) + 100
+    whole, run = (play(file, Scenario("misfire_settled")) for file in (ROOT / "models" / "engine.bg", path))
+    found_error = compare(whole, run, outputs=[*study.FORCES, "crank_angle"], window=found.report.window, shaft="crank_angle").worst
+    assert 0.0 < found_error <= study.ALLOWED
+
+
+def test_the_smallest_misfiring_engine_is_not_searched_again() -> None:
+    path = REDUCED / study.EIGHT
+    found = measure(pipeline.load(path), Scenario("misfire_settled"))
+    again = study.smallest_engine(found, path)
+    assert again.search.trials == 0
+    assert again.reduced is not None
+    assert again.reduced.source == path.read_text("utf-8")

@@ -7,7 +7,7 @@ Reports      BG231 operands do not fit together
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -200,14 +200,19 @@ def stack(items: list[Value], span: Span) -> Array:
     if len(shapes) > 1:
         shown = " and ".join(sorted(shown_shape(shape) for shape in shapes))
         raise Fault(MISFIT, f"the entries of an array must be alike, these are {shown}", span, "entries of different shapes")
-    if len({kind_of(item) for item in items}) > 1:
-        raise Fault(MISFIT, "the entries of an array must be alike, these are numbers and strings", span, "entries of different kinds")
+    _check_kinds(items, span)
     inner = shapes.pop() if shapes else ()
     return array_of([entry for item in items for entry in entries(item)], (len(items), *inner))
 
 
+def _check_kinds(items: Iterable[Value], span: Span) -> None:
+    if len({kind_of(item) for item in items}) > 1:
+        raise Fault(MISFIT, "the entries of an array must be alike, these are numbers and strings", span, "entries of different kinds")
+
+
 def join_matrix(rows: list[list[Value]], span: Span) -> Array:
     """`[a, b; c, d]`: blocks side by side, then one over the other; a vector is a column."""
+    _check_kinds((item for row in rows for item in row), span)
     made = []
     for row in rows:
         blocks = [_block(value, span) for value in row]

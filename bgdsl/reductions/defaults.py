@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from bgdsl.ir.graph import Parameter
 from bgdsl.reductions.acts import registry
-from bgdsl.reductions.cuts import Writer
 from bgdsl.reductions.source_map import ClassText
+from bgdsl.reductions.writer import Writer
 from bgdsl.syntax import ast
 
 

@@ -16,10 +16,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from bgdsl.expr import leaves
 from bgdsl.ir.graph import Element
-from bgdsl.reductions.cuts import Writer
 from bgdsl.reductions.plan import Entry, Split
-from bgdsl.reductions.source_map import Place, Site, UnwritableError, indexed
-from bgdsl.reductions.statements import ALL, Acts
+from bgdsl.reductions.source_map import ClassText, Place, Site, UnwritableError, indexed
+from bgdsl.reductions.statements import ALL, Acts, Link, LinkEdit
+from bgdsl.reductions.writer import Writer
 from bgdsl.syntax import ast
 
 SCALAR = {"TF": "OneTF", "MTF": "OneMTF", "GY": "OneGY", "MGY": "OneMGY"}
@@ -65,7 +65,7 @@ def write_parts(writer: Writer, splits: Sequence[Split], kinds: Mapping[int, int
                     member = writer.texts.member(path, name)
                     assert member is not None
                     writer.of(path, member[0]).retype(member[2], kind)
-        _rejoin(writer, path, names, {name: kind for (_, name), kind in flavours.items()})
+        _rejoin(writer, path, names)
 
 
 def _siblings(writer: Writer, touched: Mapping[str, Mapping[tuple[int, int], None]]) -> list[tuple[str, dict[tuple[int, int], None]]]:
@@ -163,7 +163,7 @@ def _told(split: Split) -> list[tuple[str, str, int]]:
     return fell
 
 
-def _rejoin(writer: Writer, path: str, names: set[str], kinds: Mapping[str, str]) -> None:
+def _rejoin(writer: Writer, path: str, names: set[str]) -> None:
     """Let the bonds of these elements of an instance end at the ports of the parts: port 1 where a chain enters, port 2 where it leaves."""
     for unit in writer.texts.units(writer.texts.class_of(path)):
         for place in writer.texts.statements(unit):
@@ -178,7 +178,7 @@ def _rejoin(writer: Writer, path: str, names: set[str], kinds: Mapping[str, str]
                         _edit(writer, path, unit, place, (k, f)).head = _port(writer, path, end, "p1")
 
 
-def _edit(writer: Writer, path: str, unit, place: Place, link: tuple[int, int]):  # type: ignore[no-untyped-def]
+def _edit(writer: Writer, path: str, unit: ClassText, place: Place, link: Link) -> LinkEdit:
     return writer.of(path, unit).link(place, ALL if place.loops else (), link)
 
 

@@ -22,7 +22,7 @@ from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.acts import give
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
-from bgdsl.reductions.cuts import PortBonds, Writer, write_cuts, write_removal
+from bgdsl.reductions.cuts import write_cuts
 from bgdsl.reductions.declared import Tell
 from bgdsl.reductions.defaults import settle_defaults
 from bgdsl.reductions.determined import gone_elements
@@ -30,10 +30,12 @@ from bgdsl.reductions.documents import document
 from bgdsl.reductions.one_way import write_parts
 from bgdsl.reductions.part import everything
 from bgdsl.reductions.plan import Plan, plan
+from bgdsl.reductions.removals import write_removal
 from bgdsl.reductions.source_map import SourceMap, UnwritableError, indexed, refuse
 from bgdsl.reductions.specialise import Describe, specialise, term_mark
 from bgdsl.reductions.structured_text import structured_text
 from bgdsl.reductions.two_ports import in_sources, write_split
+from bgdsl.reductions.writer import PortBonds, Writer
 from bgdsl.source import Edit
 from bgdsl.syntax.library import Library
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bgdsl.ir.graph import Bond, Element
-from bgdsl.reductions.cuts import PortBonds, Side, Spot, Writer, sides
+from bgdsl.ir.graph import Bond, Element, Origin
 from bgdsl.reductions.plan import Split
 from bgdsl.reductions.statements import ClassEdits
+from bgdsl.reductions.writer import PortBonds, Side, Spot, Writer, sides
 from bgdsl.syntax import ast
 
 _PARAMETERS = {"TF": ("m", "T"), "MTF": ("m", "T"), "GY": ("r", "G"), "MGY": ("r", "G"), "EJS": ("G",)}
@@ -58,7 +58,8 @@ def in_sources(writer: Writer, split: Split, bonds: PortBonds, read: frozenset[s
     return all(origin.path == site.owner and not origin.loop and writer.texts.unit_at(origin) is site.unit for origin in origins)
 
 
-def _origin(bond: Bond, name: str, k: int):  # type: ignore[no-untyped-def]
+def _origin(bond: Bond, name: str, k: int) -> Origin:
+    """Where a bond ends at a port of an element."""
     return bond.origins[-1 if bond.head.node == name and bond.head.port == k else 0]
 
 

@@ -11,7 +11,6 @@ assignments themselves stay, and `Program.needed` leaves out those that nobody r
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -26,6 +25,7 @@ from bgdsl.passes.differentiate import Gradient, gradients, jacobian
 from bgdsl.passes.events import collect_events
 from bgdsl.passes.invert import divide
 from bgdsl.passes.moduli import Moduli
+from bgdsl.passes.regularity import is_singular
 
 SINGULAR_LOOP = Code("BG506", "an algebraic loop is singular")
 
@@ -133,7 +133,7 @@ def _steps(block: Block, guesses: Mapping[str, Expr], moduli: Moduli, report: Re
         yield from assigns
     elif block.linear:
         slopes = _slopes(assigns, residuals, block.torn)
-        if _is_singular(slopes, moduli):
+        if is_singular(slopes, moduli):
             _report_singular(block, report)
         else:
             yield from _solve_linear(block, assigns, slopes)
@@ -152,39 +152,6 @@ def _slopes(assigns: Iterable[Assign], residuals: Iterable[Equation], torn: Sequ
     for assign in assigns:
         known[var(assign.variable)] = gradients((assign.value,), known)[0]
     return gradients([e.left - e.right for e in residuals], known)
-
-
-def _is_singular(slopes: Sequence[Gradient], moduli: Moduli) -> bool:
-    """Whether a matrix over parameters is singular with their defaults; what reads states is judged when it runs."""
-    n = len(slopes)
-    if any(not row for row in slopes):
-        return True
-    numbers = [[0.0] * n for _ in slopes]
-    for i, row in enumerate(slopes):
-        for j, value in row.items():
-            number = moduli.value(value)
-            if number is None or not math.isfinite(number):
-                return False
-            numbers[i][j] = number
-    return _rank_is_lost(numbers)
-
-
-def _rank_is_lost(rows: list[list[float]]) -> bool:
-    """Gaussian elimination with row scaling and partial pivoting: whether a pivot is round-off."""
-    n = len(rows)
-    rows = [[value / largest for value in row] for row in rows if (largest := max(map(abs, row))) > 0.0]
-    if len(rows) < n:
-        return True
-    for k in range(n):
-        pivot = max(range(k, n), key=lambda i: abs(rows[i][k]))
-        if abs(rows[pivot][k]) < 1e-13:
-            return True
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        for i in range(k + 1, n):
-            factor = rows[i][k] / rows[k][k]
-            if factor:
-                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k], strict=True)]
-    return False
 
 
 def _solve_linear(block: Block, assigns: Sequence[Assign], slopes: Sequence[Gradient]) -> Iterator[Step]:
@@ -243,7 +210,7 @@ def _report_singular(block: Block, report: Reporter) -> None:
         first.origin.span,
         f"the loop closes at `{first.element}`" if first.element else "the loop closes here",
         others=[(span, f"through `{element}`" if element else "through this") for span, element in others.items()][:6],
-        notes=["with the parameters' default values its equations repeat or contradict each other"],
+        notes=["with the parameters' default values, and whatever the states are, its equations repeat or contradict each other"],
         helps=["remove one of the parts that say the same, or put an R, C or I between them"],
     )
 

@@ -146,11 +146,16 @@ def _filled(value: Expr) -> Function:
 
 def _extents(args: Arguments, span: Span, context: Context) -> tuple[int, ...]:
     """The sizes of an array to be made."""
-    sizes = tuple(_integer(arg, span, context) for arg in args)
+    return _checked(tuple(_integer(arg, span, context) for arg in args), span)
+
+
+def _checked(sizes: tuple[int, ...], span: Span) -> tuple[int, ...]:
+    """The sizes of an array that can be made."""
     if min(sizes) < 0:
         raise wrong(f"an array cannot have {min(sizes)} entries", span)
     if math.prod(sizes) > LARGEST_ARRAY:
-        raise wrong(f"an array of {math.prod(sizes)} entries is too large", span, f"at most {LARGEST_ARRAY}")
+        shown = " x ".join(f"{size:g}" for size in sizes)
+        raise wrong(f"an array of {shown} entries is too large", span, f"at most {LARGEST_ARRAY}")
     return sizes
 
 
@@ -162,13 +167,26 @@ def _linspace(args: Arguments, span: Span, context: Context) -> Value:
     n = _integer(args[2], span, context)
     if n < 2:
         raise wrong("`linspace` wants at least two points", span)
+    _checked((n,), span)
     start, stop = args[:2]
     return array_of([start + (stop - start) * (i / (n - 1)) for i in range(n)], (n,))
 
 
 def _outer(args: Arguments, span: Span, context: Context) -> Value:
     a, b = (_vector(arg, span, "outerProduct") for arg in args)
+    _checked((len(a), len(b)), span)
     return matmul(a.reshape(-1, 1), b.reshape(1, -1))
+
+
+def _identity(args: Arguments, span: Span, context: Context) -> Value:
+    n = _integer(args[0], span, context)
+    return identity(_checked((n, n), span)[0])
+
+
+def _diagonal(args: Arguments, span: Span, context: Context) -> Value:
+    vector = _vector(args[0], span, "diagonal")
+    _checked((len(vector), len(vector)), span)
+    return diagonal(vector)
 
 
 def _symmetric(args: Arguments, span: Span, context: Context) -> Value:
@@ -347,8 +365,8 @@ BUILT_INS: Mapping[str, tuple[int, int, Function]] = {
     "cross": (2, 2, _cross),
     "skew": (1, 1, _skew),
     "transpose": (1, 1, _transpose),
-    "identity": (1, 1, lambda args, span, context: identity(_integer(args[0], span, context))),
-    "diagonal": (1, 1, lambda args, span, context: diagonal(_vector(args[0], span, "diagonal"))),
+    "identity": (1, 1, _identity),
+    "diagonal": (1, 1, _diagonal),
     "zeros": (1, 9, _filled(ZERO)),
     "ones": (1, 9, _filled(ONE)),
     "fill": (2, 9, _fill),

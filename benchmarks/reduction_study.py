@@ -559,6 +559,7 @@ def tables() -> dict[str, str]:
         found[f"misfire {method}"] = cost_table({**whole_engine, **reduced}, "misfire", method, rounds, paper=False)
     found["balanced 4 s"] = cost_table({**whole_engine, "partitioned": parts}, "balanced", "cvode-bdf", 5, paper=False, stop=4.0)
     found["misfire ideal"] = cost_table(ideal, "misfire", "cvode-bdf", paper=False)
+    found["misfire ideal cvode-adams"] = cost_table(ideal, "misfire", "cvode-adams", paper=False)
     found["others"] = small_table(small)
     return found
 

@@ -27,8 +27,8 @@ LARGEST_BLOCK = 64
 PATIENCE = 32
 """So many families in a row that cost too much end the search: activity tells enough for the rest to be no better."""
 
-LITTLE_PATIENCE = 4
-"""The same for those that are slow to try."""
+LITTLE_PATIENCE, FEW = 4, 12
+"""The same for those that are slow to try, and how many trials of them there are at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +110,7 @@ def smallest_within(
     dropped = first.best.terms if first.best is not None else frozenset()
     left = [family for family in families if not dropped.issuperset(family.terms)]
     ended = growth.run(left, patience, progress or (lambda share: None))
+    growth.most = min(most, growth.trials + FEW)
     growth.run(slow, LITTLE_PATIENCE, lambda share: None)
     tried: dict[frozenset[int], Candidate] = {}
     for candidate in sorted((*first.tried, *growth.steps), key=lambda c: (c.dropped, c.threshold)):

@@ -108,7 +108,8 @@ class Program:
     states included). outputs: (record, value). bonds: (record, effort, flow), one per scalar
     component of each flat bond, efforts and flows positive from tail to head. values: every variable that can be asked for by
     its scalar name, states included. invariants: expressions that stay zero (constraints), dependent: (name, the value its
-    start must have, the start the user gave or None). terms: (effort, flow) expressions for activity are built by that pass.
+    start must have, the start the user gave or None). unstarted: the states that the user gave no start. terms: (effort, flow)
+    expressions for activity are built by that pass.
 
     `differentiate` makes the Jacobian of a program (`passes/differentiate.py`). Read it as `program.jacobian`: it is computed
     when first asked for and kept, since a run with an Adams method, or a listing, has no need of it.
@@ -133,6 +134,7 @@ class Program:
     events: tuple[Event, ...] = ()
     checks: tuple[Check, ...] = ()
     invariants: tuple[tuple[Expr, Origin], ...] = ()
+    unstarted: frozenset[str] = frozenset()
     dependent: tuple[tuple[str, Expr, Expr | None], ...] = ()
     experiments: tuple[Experiment, ...] = ()
     sizes: Mapping[str, int] = field(default_factory=dict)

@@ -48,6 +48,7 @@ def lower(sorted_system: SortedSystem, report: Reporter) -> Program:
         digest=_digest(graph),
         parameters=_in_order(graph.parameters),
         tables=graph.tables,
+        unstarted=frozenset(s.name for s in system.states if not s.fixed),
         states=tuple(Record(s.name, s.unit or graph.units.get(s.name, ""), s.comment) for s in system.states),
         starts=_starts(sorted_system),
         inputs=inputs,

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 INCONSISTENT = Code("BG623", "the start violates a constraint")
 MOST_AT_START = 1e-6
 """How far, relatively, a start may be from a constraint before it counts as wrong; what is less is moved onto it."""
+SETTLING = 8
+"""Newton steps towards a start on the constraints, of which most are linear in what moves."""
 ROUNDING = 1e-12
 """What the terms of the largest constraint may leave in one of which all terms should vanish."""
 
@@ -87,17 +89,13 @@ class Invariants:
         return IntegrationError(f"the constraints cannot be kept: a relative residual of {self.record.worst:.3g} is left", t, x.copy())
 
     def begin(self, t: float, x: Floats, report: Reporter) -> None:
-        """Check the start, and move it by the little that it may be off."""
-        import numpy as np
-
+        """Move the start onto the constraints: by the little that it may be off, or as far as it takes where states that the user
+        gave no start can do it alone. BG623 where they cannot."""
         program = self._model.program
-        self._factorise(ctypes.addressof(self.record), t, x.ctypes.data)
-        residuals = np.zeros(len(program.invariants))
-        self._kernels[0](t, x, self._inputs(t), residuals)
-        sizes = np.empty_like(residuals)
-        sizes[self._arrays["order"]] = self._arrays["sizes"]
-        shares = np.abs(residuals) / (sizes + self.record.atol)
-        shares[np.abs(residuals) <= ROUNDING * sizes.max()] = 0.0
+        residuals, shares = self._at_start(t, x)
+        if shares.max() > MOST_AT_START and program.unstarted:
+            self._settle(t, x)
+            residuals, shares = self._at_start(t, x)
         i = int(shares.argmax())
         if shares[i] > MOST_AT_START:
             report.fail(
@@ -105,9 +103,41 @@ class Invariants:
                 f"the starts violate {int((shares > MOST_AT_START).sum())} constraint(s): the worst by {residuals[i]:.3g}",
                 program.invariants[i][1].span,
                 "this has to be zero at the start",
-                helps=("choose the starts of the states so that it holds",),
+                helps=("choose the starts of the states so that it holds, or leave out some of them: what has no start is solved for",),
             )
         self.apply(t, x)
+
+    def _at_start(self, t: float, x: Floats) -> tuple[Floats, Floats]:
+        """The residuals of the invariants, and what share of the sizes of their terms they are."""
+        import numpy as np
+
+        self._factorise(ctypes.addressof(self.record), t, x.ctypes.data)
+        residuals = np.zeros(len(self._model.program.invariants))
+        self._kernels[0](t, x, self._inputs(t), residuals)
+        sizes = np.empty_like(residuals)
+        sizes[self._arrays["order"]] = self._arrays["sizes"]
+        shares = np.abs(residuals) / (sizes + self.record.atol)
+        shares[np.abs(residuals) <= ROUNDING * sizes.max()] = 0.0
+        return residuals, shares
+
+    def _settle(self, t: float, x: Floats) -> None:
+        """Newton steps of least size in the states without a start of their own."""
+        import numpy as np
+
+        program = self._model.program
+        free = [i for i, record in enumerate(program.states) if record.name in program.unstarted]
+        entries = program.invariant_slopes.entries
+        kernel = self._model.evaluator([value for _, _, value in entries])
+        numbers, residuals = np.zeros(len(entries)), np.zeros(len(program.invariants))
+        for _ in range(SETTLING):
+            self._kernels[0](t, x, self._inputs(t), residuals)
+            kernel(t, x, self._inputs(t), numbers)
+            slopes = np.zeros((len(residuals), len(x)))
+            for (i, j, _), number in zip(entries, numbers, strict=True):
+                slopes[i, j] = number
+            if not (np.isfinite(slopes).all() and np.isfinite(residuals).all()):
+                return
+            x[free] -= np.linalg.lstsq(slopes[:, free], residuals, rcond=1e-10)[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,7 +128,7 @@ class Classes:
                 renamed[node] = var(value.letters[node.data])
             elif node.op == "table":
                 renamed[node] = table(self.tables[node.data[0]], substitute(node.args, renamed)[0], node.data[1])
-            elif node.is_const and node.data == math.pi:
+            elif node.is_const and node.data == math.pi and not self.contents.shadowed:
                 renamed[node] = var("pi")
         return [to_text(root) for root in substitute(value.roots, renamed)]
 
@@ -206,10 +206,11 @@ def listed(texts: Mapping[tuple[int, ...], str]) -> str:
     """What differs from element to element of an array, as a list or by a rule."""
     order = sorted(texts)
     sizes = tuple(len({index[k] for index in order}) for k in range(len(order[0])))
-    if len(sizes) == 1 and [index[0] for index in order] == list(range(1, sizes[0] + 1)):
-        rule = alike([texts[index] for index in order], range(1, sizes[0] + 1))
+    low, high = order[0][0], order[-1][0]
+    if len(sizes) == 1 and high - low == len(order) - 1:
+        rule = alike([texts[index] for index in order], range(low, high + 1))
         if rule is not None:
-            return f"{{{rule[1]} for {rule[0]} in 1:{sizes[0]}}}"
+            return f"{{{rule[1]} for {rule[0]} in {low}:{high}}}"
     return nested([texts[index] for index in order], sizes)
 
 

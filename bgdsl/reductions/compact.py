@@ -35,7 +35,7 @@ def filled(shape: str, numbers: Sequence[int | str]) -> str:
 
 
 def alike(texts: Sequence[str], values: Sequence[int]) -> tuple[str, str] | None:
-    """(iterator, text with it) if the texts differ by numbers in brackets that run through `values`."""
+    """(iterator, text with it) if the texts differ by numbers in brackets that run through `values`, or beside them (`i + 1`)."""
     shape, _ = skeleton(texts[0])
     rows = []
     for text in texts:
@@ -48,8 +48,9 @@ def alike(texts: Sequence[str], values: Sequence[int]) -> tuple[str, str] | None
     for column in zip(*rows, strict=True):
         if len(set(column)) == 1:
             columns.append(column[0])
-        elif letter is not None and list(column) == list(values):
-            columns.append(letter)
+        elif letter is not None and len({i - value for i, value in zip(column, values, strict=True)}) == 1:
+            beside = column[0] - values[0]
+            columns.append(letter if not beside else f"{letter} {'-' if beside < 0 else '+'} {abs(beside)}")
         else:
             return None
     return (letter, filled(shape, columns)) if letter is not None and letter in columns else None

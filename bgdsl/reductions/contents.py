@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import re
 
-from bgdsl.expr import Expr, const, leaves, substitute, to_text, topological, var
+from bgdsl.expr import var
 from bgdsl.ir.graph import Element
 from bgdsl.ir.scalar import ScalarGraph, Term
 from bgdsl.reductions.condition import element_kinds
+from bgdsl.reductions.one_ports import OnePorts
 from bgdsl.reductions.part import Part, imposed
 from bgdsl.reductions.places import (
     ELEMENT,
@@ -36,7 +37,6 @@ from bgdsl.reductions.places import (
     without_indices,
 )
 from bgdsl.reductions.quantities import Quantities
-from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.survey import Vertex, survey
 from bgdsl.reductions.wording import Wording
 
@@ -65,6 +65,7 @@ class _Bonds:
         self.elements, self.bonds = self.left.elements, self.left.bonds
         bodies = {instance.path: Body() for instance in self.graph.instances if instance.path not in self.elements}
         self.found = Contents(bodies, extents=self.names.extents)
+        self.found.shadowed = any("pi" in taken for taken in self.names.taken.values())
         self.places: dict[Vertex, Spot] = {}
         self.opened: set[Vertex] = set()
         self.proxies: dict[tuple[str, Vertex], Spot] = {}
@@ -72,7 +73,7 @@ class _Bonds:
         self.at_ports: dict[str, Spot] = {}
         """The variables of junctions that a matrix kept whole makes."""
         self.readers: dict[tuple[str, tuple[int, int]], tuple[int, ...]] = {}
-        self.one_port_terms = {(term.element, term.spot): term.index for term in scalar.terms if term.other is None}
+        self.one_ports = OnePorts(self.left, self.wording, self.found.elements)
         for term in scalar.terms:
             if term.element in self.left.whole and term.entry is not None:
                 self.readers[term.element, term.entry] = (*self.readers.get((term.element, term.entry), ()), term.index)
@@ -158,11 +159,13 @@ class _Bonds:
         self.found.body(scope).links.append((here, spot) if self.leaves_port(here.owner, bond) else (spot, here))
 
     def port_of(self, owner: str, bond: str) -> str:
-        """The name of the model port through which a bond leaves an instance."""
-        for _, origin in self.bonds[bond].declared:
-            if origin.path == owner:
-                return flat_name(origin.span.text.split("(")[0].split("[")[0].split('"')[0])
-        return "port"
+        """The name of the model port through which a bond leaves an instance: what its statement there starts or ends at."""
+        origins = self.bonds[bond].origins
+        text = next((origin.span.text for origin in origins if origin.path == owner), "") if len(origins) > 1 else ""
+        tail, _, head = re.sub(r"\|?[-=]>\|?", ">", text).partition(">")
+        end = r"(\w+)\s*(?:\[[^\]]*\])?\s*;?\s*$"
+        found = re.search(r"(?:^|,)\s*" + end, head) if self.leaves_port(owner, bond) else re.match(r"(?:\s*\w+\s*:)?\s*" + end, tail)
+        return found.group(1) if found else "port"
 
     def leaves_port(self, owner: str, bond: str) -> bool:
         """Does power count as leaving the instance along the bond?"""
@@ -223,11 +226,11 @@ class _Bonds:
         if element.kind == "field" or here.component:
             if element.name not in self.done:
                 self.done.add(element.name)
-                self.found.add(self.field(element) if element.kind == "field" else self.vector(element))
+                self.found.add(self.one_ports.field(element) if element.kind == "field" else self.one_ports.vector(element))
                 if element.name in self.left.whole:
                     self.open_port(element, 0)
         else:
-            self.found.add(self.scalar_one_port(element, term, here))
+            self.found.add(self.one_ports.scalar(element, term, here))
         for letter in "efpq":
             attribute = f"{here.attribute}.{letter}" if here.attribute else letter
             variable = element.ports[term.port].variable(element.name, letter, term.spot)
@@ -252,91 +255,6 @@ class _Bonds:
         meeting = self.names.piece(base, f"{tag}_meeting")
         self.found.add(Piece(meeting, JUNCTION, f"J{junction.kind}"))
         self.found.body(here.owner).links += [(here, meeting), (drive, meeting)]
-
-    def scalar_one_port(self, element: Element, term: Term, here: Spot) -> Piece:
-        """A scalar one-port: its law in its own letters, starts, flags."""
-        port, prepared = element.ports[term.port], self.wording.prepared
-        piece = Piece(here, ELEMENT, element.kind, fixed=_flags(element), comment=element.comment)
-        if element.linear is not None:
-            parameter, rows = element.linear
-            piece.values[parameter,] = Value(prepared((rows[term.spot][term.spot],)))
-        else:
-            letters = {port.variable(element.name, letter, term.spot): letter for letter in "efpq"}
-            law = next((law for law in element.laws if any(leaf.data in letters for leaf in leaves((law.left, law.right)))), None)
-            if law is None or law.left.op != "var" or law.left.data not in letters:
-                raise UnwritableError((term.index,), f"the law of `{element.name}` is not given for one variable")
-            right = prepared((law.right,), (term.index,), letters)
-            if any(leaf.data in letters for leaf in leaves(right)):
-                piece.law = letters[law.left.data], Value(right, letters=letters)
-            else:
-                piece.values[letters[law.left.data],] = Value(right)
-        for letter in "efpq":
-            start = element.starts.get(port.variable(element.name, letter, term.spot))
-            if start is not None:
-                piece.values[letter, "start"] = Value((self.wording.short(start),))
-        return piece
-
-    def vector(self, element: Element) -> Piece:
-        """A vector one-port that stays whole."""
-        port = element.ports[0]
-        n, prepared = port.width, self.wording.prepared
-        piece = Piece(split(element.name), ELEMENT, f"{element.kind}[{n}]", fixed=_flags(element), comment=element.comment)
-        if element.linear is not None:
-            parameter, rows = element.linear
-            entries = prepared(tuple(entry for row in rows for entry in row))
-            if all(entries[i * n + k].is_zero for i in range(n) for k in range(n) if i != k):
-                piece.values[parameter,] = Value(entries[:: n + 1], (n,), diagonal=True)
-            else:
-                piece.values[parameter,] = Value(entries, (n, n))
-        elif self.left.is_tied(element):
-            raise UnwritableError((), f"the laws of `{element.name}` tie its components and are not linear")
-        else:
-            letter = element.laws[0].left.data.rpartition(".")[2].partition("[")[0]
-            right = {law.left.data: law.right for law in element.laws}
-            law = tuple(right[port.variable(element.name, letter, i)] for i in range(n))
-            made = tuple(prepared((root,), (self.one_port_terms[element.name, i],))[0] for i, root in enumerate(law))
-            piece.values[letter,] = Value(made, (n,))
-        for letter in "efpq":
-            starts = [element.starts.get(port.variable(element.name, letter, i)) for i in range(n)]
-            if any(start is not None for start in starts):
-                piece.values[letter, "start"] = Value(tuple(const(0.0) if s is None else self.wording.short(s) for s in starts), (n,))
-        return piece
-
-    def field(self, element: Element) -> Piece:
-        """A user's element: its class, with what it reads as inputs and parameters, and the instance that binds them."""
-        if any(term.element == element.name and term.junction not in self.part.junctions for term in self.scalar.terms):
-            raise UnwritableError((), f"`{element.name}` would be cut in two")
-        spots = [(port, x, i) for port in element.ports for x in "ef" for i in range(port.width)]
-        local = {port.variable(element.name, x, i): port.variable("", x, i)[1:] for port, x, i in spots}
-        roots = self.wording.prepared(tuple(side for law in element.laws for side in (law.left, law.right)), (), local)
-        piece = Piece(split(element.name), ELEMENT, "", comment=element.comment)
-        bound: dict[Expr, Expr] = {}
-        lines: list[str] = []
-        for leaf in [node for node in topological(roots) if node.op in ("var", "param")]:
-            if leaf.data in local:
-                bound[leaf] = var(local[leaf.data])
-                continue
-            own = flat_name(without_indices(leaf.data.removeprefix(f"{element.name}.").removeprefix(f"{piece.spot.owner}.")))
-            bound[leaf] = var(own)
-            lines.append(f"  {'parameter' if leaf.op == 'param' else 'input'} Real {own};")
-            piece.values[own,] = Value((leaf,))
-        texts = [to_text(root) for root in substitute(roots, bound)]
-        for port in element.ports:
-            lines.append(f"  port {'in' if port.inward else 'out'} Generic{'' if port.size is None else f'[{port.size}]'} {port.name};")
-        laws = [f"  {left} = {right};" for left, right in zip(texts[::2], texts[1::2], strict=True)]
-        kinds = {instance.path: instance.class_name for instance in self.graph.instances}
-        text = "\n".join(["element {}", *lines, "equation", *laws, "end {};", ""])
-        piece.type = self.element_class(text, kinds.get(element.name, "Field"))
-        return piece
-
-    def element_class(self, text: str, wanted: str) -> str:
-        names = self.found.elements
-        if text not in names:
-            taken, name, k = set(names.values()), wanted, 2
-            while name in taken:
-                name, k = f"{wanted}_{k}", k + 1
-            names[text] = name
-        return names[text]
 
     # --------------------------------------------------------------------------------------------------------- links
 
@@ -485,7 +403,3 @@ class _Bonds:
         base = f"{scope}.{arrays[0][0]}" if scope else arrays[0][0]
         self.names.extents[scope, name] = self.names.extents.get(split(base).key, (0,))
         return Spot(scope, name, (int(arrays[0][1]),))
-
-
-def _flags(element: Element) -> tuple[str, ...]:
-    return ("parasitic = true",) if element.parasitic else ()

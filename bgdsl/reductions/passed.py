@@ -5,15 +5,11 @@ What the elements of an array of components pass alike is one array: `cyl[2].rod
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 
 from bgdsl.ir.graph import BondGraph
-from bgdsl.reductions.places import LocalNames, Spot, flat_name, split
-
-_INDEX = re.compile(r"\[(\d+)\](?=[.\[])")
-"""The index of an array of components in a path (what comes last is a component or an entry of the variable itself)."""
+from bgdsl.reductions.places import COMPONENT_INDEX, LocalNames, Spot, flat_name, split
 
 
 def passed_names(graph: BondGraph, asked: Sequence[Sequence[str]], giver: Callable[[str], int]) -> dict[str, Spot]:
@@ -25,7 +21,7 @@ def passed_names(graph: BondGraph, asked: Sequence[Sequence[str]], giver: Callab
     variables = list(dict.fromkeys(v for some in asked for v in some))
     alike: dict[str, list[str]] = defaultdict(list)
     for v in variables:
-        alike[_INDEX.sub("[#]", v)].append(v)
+        alike[COMPONENT_INDEX.sub("[#]", v)].append(v)
     found: dict[str, Spot] = {}
     for shape, group in alike.items():
         size = _whole(names, group, asked, giver)
@@ -41,13 +37,13 @@ def passed_names(graph: BondGraph, asked: Sequence[Sequence[str]], giver: Callab
 
 
 def _index(variable: str) -> int:
-    return int(_INDEX.findall(variable)[0])
+    return int(COMPONENT_INDEX.findall(variable)[0])
 
 
 def _whole(names: LocalNames, group: Sequence[str], asked: Sequence[Sequence[str]], giver: Callable[[str], int]) -> int | None:
     """The size of the array, if all of its elements pass from one part to each that reads any."""
-    match = _INDEX.search(group[0])
-    if match is None or len(_INDEX.findall(group[0])) > 1 or len({giver(v) for v in group}) > 1:
+    match = COMPONENT_INDEX.search(group[0])
+    if match is None or len(COMPONENT_INDEX.findall(group[0])) > 1 or len({giver(v) for v in group}) > 1:
         return None
     (size,) = names.extents.get(split(group[0][: match.start()]).key, (0,))
     if sorted(map(_index, group)) != list(range(1, size + 1)) or size < 2:

@@ -16,6 +16,9 @@ from bgdsl.ir.graph import BondGraph
 Key = tuple[str, str]
 """(instance, name in its class)."""
 
+COMPONENT_INDEX = re.compile(r"\[(\d+)\](?=[.\[])")
+"""The index of an array of components in a path (what comes last is a component or an entry of the variable itself)."""
+
 PARAMETER, INPUT, JUNCTION, ELEMENT, SIGNAL, OUTPUT = range(6)
 """Ranks of declarations in a class."""
 
@@ -126,6 +129,8 @@ class Contents:
     there: set[str] = field(default_factory=set)
     fixed: dict[str, float] = field(default_factory=dict)
     """The values of constants, by scalar name."""
+    shadowed: bool = False
+    """Does something of the model's own have the name `pi`?"""
 
     def body(self, path: str) -> Body:
         """What belongs to an instance."""

@@ -16,6 +16,7 @@ from bgdsl.ir.graph import Parameter, Signal
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.part import Part
 from bgdsl.reductions.places import (
+    COMPONENT_INDEX,
     INPUT,
     OUTPUT,
     PARAMETER,
@@ -34,9 +35,6 @@ from bgdsl.reductions.places import (
 )
 from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.wording import Wording
-
-_INNER = re.compile(r"\[\d+\](?=[.\[])")
-"""The index of an array of components."""
 
 
 class Quantities:
@@ -136,8 +134,9 @@ class Quantities:
     def read_all(self) -> None:
         """Inputs for what is not there, and the parameters that are read, with those that they read."""
         readers = self.readers()
+        own = {self.scalar.junctions[j].variable for j in self.part.junctions}
         for variable, paths in readers.items():
-            if any(self.scalar.junctions[j].variable == variable for j in self.part.junctions):
+            if variable in own:
                 raise UnwritableError((), f"`{variable}` is read, and nothing is left of its junction")
             self.input(variable)
             self.hand_in(variable, paths)
@@ -182,7 +181,7 @@ class Quantities:
             return
         outer = f"{variable}@"
         rest = variable[len(home) + 1 :]
-        name = rest if rest.isidentifier() else self.names.fresh(home, flat_name(_INNER.sub("", rest)), ("passed", variable))
+        name = rest if rest.isidentifier() else self.names.fresh(home, flat_name(COMPONENT_INDEX.sub("", rest)), ("passed", variable))
         self.found.readings[outer] = self.found.readings[variable]
         self.found.readings[variable] = (Spot(home, name), *self.found.readings[variable])
         self.found.add(Piece(Spot(home, name), INPUT, "Real", values={(): Value((var(outer),))}, prefix="input "))
@@ -254,7 +253,7 @@ class Quantities:
         """The name in an instance of what it reads of elsewhere."""
         spot = self.found.readings[leaf.data][0]
         shared = common(path, spot.owner)
-        seen = flat_name(_INNER.sub("", leaf.data.removeprefix(f"{shared}.") if shared else leaf.data))
+        seen = flat_name(COMPONENT_INDEX.sub("", leaf.data.removeprefix(f"{shared}.") if shared else leaf.data))
         name = self.names.fresh(path, seen, ("elsewhere", leaf.data))
         given = f"{path}.{name}"
         here = Spot(path, name)

@@ -39,6 +39,8 @@ class Survey:
     kept: dict[int, list[Vertex]] = field(default_factory=dict)
     joined: list[tuple[Vertex, Vertex]] = field(default_factory=list)
     whole: set[str] = field(default_factory=set)
+    torn: set[str] = field(default_factory=set)
+    """Elements of which a term is in another part."""
 
     def seat(self, term: Term) -> Vertex:
         """The place at which a term acts: the author's junction that its bond ends at, else the one that its element makes."""
@@ -151,6 +153,8 @@ def _whole_elements(found: Survey) -> None:
             terms[term.element] += 1
             if not found.acts(term):
                 cut.add(term.element)
+            if term.junction not in found.part.junctions:
+                found.torn.add(term.element)
     kept = {vertex for vertices in found.kept.values() for vertex in vertices}
     for element in found.elements.values():
         if element.name in cut or element.name not in terms or element.ports[0].size is None:

@@ -20,7 +20,8 @@ Status = Literal["complete", "partial"]
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What a run cost. Equal runs have equal statistics: the wall time (seconds) is left out of the comparison.
+    """What a run cost. Equal runs have equal statistics: the wall time (seconds from the start to the stop time, machine code having
+    been made) is left out of the comparison.
 
     steps: accepted; rejected: steps thrown away by the error test or by a corrector that did not converge; factorisations: of
     the iteration matrix; events: located sign changes; projections: accepted steps after which the states were moved back

@@ -35,6 +35,7 @@ from bgdsl.simulate.recording import MemorySink, Sink, cannot_write, open_sink
 from bgdsl.simulate.result import Run
 from bgdsl.simulate.scipy_methods import ScipyStepper, VodeStepper
 from bgdsl.simulate.sliding import Discovery, Modes, Regime
+from bgdsl.simulate.sparse import SparseLU
 from bgdsl.simulate.stepper import Counters, LastStep, Stepper
 from bgdsl.simulate.sundials import libraries
 
@@ -64,7 +65,6 @@ def simulate(
     """Run the model. With `output` the rows go to that file, else they stay in memory (with the states). `start` replaces
     the model's own initial states. BgError before the run, RunError within it; on an interrupt the file is closed as partial."""
     report = report or Reporter()
-    began = clock.perf_counter()
     program = model.program
     columns = output_columns(program) if options.variables is None else find_columns(program, options.variables, report)
     inputs = input_signals([record.name for record in program.inputs], options.inputs, options.start, options.stop, report)
@@ -79,6 +79,8 @@ def simulate(
     recorder = Recorder(model, columns, memory, states if keep else None, grid, inputs)
     quadrature = None if quadratures is None else Quadrature(model, quadratures.expressions, quadratures.window or options.window, inputs)
     journey = Journey(model, options, inputs, recorder, quadrature, progress, report)
+    _make_ready(model, METHODS[options.method])
+    began = clock.perf_counter()
     sink: Sink = memory
     if output is not None:
         sink = recorder.sink = open_sink(output, columns, program.model, program.digest, force=force, report=report)
@@ -101,6 +103,16 @@ def simulate(
         digest=program.digest,
     )
     return Run(trajectory, model, tuple(journey.regimes), output)
+
+
+def _make_ready(model: CompiledModel, method: Method) -> None:
+    """Have the machine code made that the integrator will call (the first run's price, not the run's)."""
+    if model.program.states:
+        _ = model.rhs
+        if method.jacobian:
+            _ = model.jacobian
+            if method.engine == "cvode":
+                SparseLU(*model.pattern)
 
 
 def _carry_out(

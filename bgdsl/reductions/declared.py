@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from bgdsl.reductions.acts import Given, Names, Tree, elements, frozen_tree
+from bgdsl.reductions.chosen import for_elements
 from bgdsl.reductions.source_map import UnwritableError
 from bgdsl.reductions.specialise import Variant
 from bgdsl.reductions.statements import Acts, Index, Node, indent_at
@@ -175,13 +176,19 @@ class Declared:
         kinds = self.kinds(id(item), item.name)
         if not kinds:
             return []
-        base = kinds[0]
-        edits = self.in_place(item, base)
-        lines = self.others(id(item), item.name, kinds, item.type.span.text)
-        if lines:
-            (selection, *more) = selections(base.indices)
-            edits.append(_subscripted(item, selection))
-            lines += [f"redeclare {base.name or item.type.span.text} {item.name}[{one}];" for one in more]
+        base, *others = kinds
+        if not others:
+            edits = self.in_place(item, base)
+        else:
+            every = sorted(index for kind in kinds for index in kind.indices)
+            if item.arguments and any(len(index) != 1 for index in every):
+                raise UnwritableError((), f"the elements of `{item.name}` differ, an array of several dimensions that is redeclared")
+            first, *more = self.divided(item, base, every)
+            edits = first
+            lines = [spliced(item.span, one) for one in more]
+            for kind in (self.told_all(id(item), item.name, base, other) for other in others):
+                lines += self.comments(id(item), item.name, kind)
+                lines += [spliced(item.span, one) for one in self.divided(item, kind, every)]
             edits.append(self.below(item.span, lines))
         comments = self.comments(id(item), item.name, base)
         return [*edits, self.above(item.span, comments)] if comments else edits
@@ -211,8 +218,20 @@ class Declared:
         return edits
 
     def in_place(self, item: ast.Redeclaration, kind: Kind) -> list[Edit]:
+        return self.as_kind(item, kind, "" if kind.indices == [()] else "each ")
+
+    def as_kind(self, item: ast.Redeclaration, kind: Kind, each: str) -> list[Edit]:
         edits = [] if kind.name is None else [Edit(item.type.span, kind.name)]
-        return edits + _given(item, kind.tree, "" if kind.indices == [()] else "each ")
+        return edits + _given(item, kind.tree, each)
+
+    def divided(self, item: ast.Redeclaration, kind: Kind, every: Sequence[Index]) -> list[list[Edit]]:
+        """The edits that make an item redeclare the elements of one kind only; one set of them for each text that this takes."""
+        found = []
+        for selection in selections(kind.indices):
+            given = self.as_kind(item, kind, "" if selection.isdigit() else "each ")
+            apart = [e for e in for_elements(item, every, kind.indices) if all(e.span != other.span for other in given)]
+            found.append([*given, *apart, _subscripted(item, selection)])
+        return found
 
     def new_parts(self) -> Edit:
         """The parts of bonds that are put in, before the first section."""

@@ -103,14 +103,14 @@ def smallest_within(
     progress: Callable[[float], None] | None = None,
 ) -> Search:
     """The whole search. levels: of every term that may fall; families: the same terms, like ones together, by level. slow: further
-    ones, which are looked at last. most: so many trials are made at most (and the few that a block under way still needs)."""
+    ones, of which few are looked at last. most: so many trials are made (and the few that a block under way still needs, and the last)."""
     thresholds = sorted({above(level) for level in levels.values()})
     first = by_threshold(thresholds, allowed, lambda threshold: attempt(threshold, frozenset(t for t in levels if levels[t] < threshold)))
     growth = _Growth(allowed, attempt, first.best, trials=first.trials, most=most)
     dropped = first.best.terms if first.best is not None else frozenset()
     left = [family for family in families if not dropped.issuperset(family.terms)]
     ended = growth.run(left, patience, progress or (lambda share: None))
-    growth.most = min(most, growth.trials + FEW)
+    growth.most = growth.trials + FEW
     growth.run(slow, LITTLE_PATIENCE, lambda share: None)
     tried: dict[frozenset[int], Candidate] = {}
     for candidate in sorted((*first.tried, *growth.steps), key=lambda c: (c.dropped, c.threshold)):

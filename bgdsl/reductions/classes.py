@@ -34,6 +34,7 @@ class Given:
 
     text: str
     each: bool = False
+    final: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -43,6 +44,7 @@ class Bundle:
     values: dict[tuple[int, ...], Value]
     default: str | None = None
     """What the class says already."""
+    final: bool = False
 
 
 @dataclass(slots=True, eq=False)
@@ -139,11 +141,11 @@ class Classes:
             return None
         shown = [text or "" for text in texts.values()]
         if () in texts:
-            return Given(shown[0])
+            return Given(shown[0], final=bundle.final)
         if len(set(shown)) == 1:
-            return Given(shown[0], each=True)
+            return Given(shown[0], each=True, final=bundle.final)
         whole = self.as_one(bundle, scope)
-        return Given(whole or listed({index: text or "" for index, text in texts.items()}))
+        return Given(whole or listed({index: text or "" for index, text in texts.items()}), final=bundle.final)
 
     def as_one(self, bundle: Bundle, scope: str) -> str | None:
         """All of a bundle as one array that is there."""
@@ -294,7 +296,7 @@ def _settle(
     assert first, f"{key} cannot be said anywhere"
     if piece is not None:
         kind.inputs.add(key[2])
-    default = _usual(told) if parameter and piece is not None and piece.default else None
+    default = _usual(told) if parameter and piece is not None and piece.default and not piece.final else None
     if default is not None:
         kind.given[key] = Given(default)
     for path, bundle in bundles.items():
@@ -315,7 +317,7 @@ def _own(work: Classes, path: str) -> _Raised:
         array = (path, name) in work.shown.arrays
         shown = name if array else work.shown.name(piece.spot)
         for steps, value in piece.values.items():
-            bundle = found.setdefault((None, EMPTY, (shown, *steps)), Bundle({}))
+            bundle = found.setdefault((None, EMPTY, (shown, *steps)), Bundle({}, final=piece.final))
             bundle.values[index if array else ()] = value
     return found
 
@@ -336,7 +338,7 @@ def _raise(work: Classes, raised: dict[str, _Raised], path: str, key: tuple[str 
             n = len(next(iter(kinds.kinds)))
             inner[f"{child}[{','.join(map(str, index[:n]))}]",][index[n:]] = value
     for before, values in inner.items():
-        target = raised[spot.owner].setdefault((spot.name, number, (*before, *steps)), Bundle({}, bundle.default))
+        target = raised[spot.owner].setdefault((spot.name, number, (*before, *steps)), Bundle({}, bundle.default, bundle.final))
         target.values.update({(*spot.index, *index): value for index, value in values.items()})
 
 

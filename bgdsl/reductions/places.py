@@ -74,11 +74,13 @@ class Piece:
     open: bool = False
     default: bool = True
     """Has the author's class a value for it?"""
+    final: bool = False
+    """Is it a parameter whose value nobody may change?"""
 
     @property
     def shape(self) -> tuple[object, ...]:
         """What makes it like another one, whatever it is given."""
-        return self.rank, self.prefix, self.type, self.dims, self.fixed, tuple(self.values), self.comment, self.open
+        return self.rank, self.prefix, self.type, self.dims, self.fixed, tuple(self.values), self.comment, self.open, self.final
 
 
 @dataclass(slots=True, eq=False)

@@ -199,6 +199,7 @@ class Quantities:
             for name, value in zip(parameter.scalars(), parameter.values, strict=True)
         )
         dims = f"[{', '.join(map(str, parameter.shape))}]" if parameter.shape else ""
+        constant = parameter.constant and _is_constant(parameter)
         return Piece(
             here,
             PARAMETER,
@@ -207,8 +208,9 @@ class Quantities:
             _unit(parameter.unit, parameter.shape),
             {(): Value(values, parameter.shape)},
             comment=parameter.comment,
-            prefix="constant " if parameter.constant else "parameter ",
+            prefix="constant " if constant else "parameter ",
             default=_has_default(parameter),
+            final=parameter.constant and not constant,
         )
 
     def write_outputs(self) -> None:
@@ -262,6 +264,13 @@ class Quantities:
             prefix, rank = ("parameter ", PARAMETER) if leaf.op == "param" else ("input ", INPUT)
             self.found.add(Piece(here, rank, "Real", values={(): Value((leaf,))}, prefix=prefix))
         return param(given) if leaf.op == "param" else var(given)
+
+
+def _is_constant(parameter: Parameter) -> bool:
+    """Is it declared as a constant? (A parameter with a final value counts as one, too.)"""
+    span = parameter.origin.span
+    words = re.findall(r"\b(parameter|constant)\b", span.source.text[: span.start].rpartition(";")[2])
+    return bool(words) and words[-1] == "constant"
 
 
 def _has_default(parameter: Parameter) -> bool:

@@ -182,7 +182,8 @@ class _Writer:
         prefix = "input " if piece.rank == SIGNAL and (name,) in kind.inputs else piece.prefix
         given = f"({', '.join(arguments)})" if arguments else ""
         shown = f"{name}{extent}{piece.dims}{given}{f' = {value.text}' if value else ''}"
-        return f"{'open ' if piece.open else ''}{prefix}{piece.type}", shown, _quoted(piece.comment)
+        final = "final " if piece.final and value else ""
+        return f"{'open ' if piece.open else ''}{final}{prefix}{piece.type}", shown, _quoted(piece.comment)
 
     def child(self, kind: Kind, child: Child) -> Iterator[str]:
         """The declaration of an instance or an array of them; elements of differing classes are redeclared."""
@@ -298,7 +299,7 @@ class _Tree:
             if nested:
                 yield f"{name}({nested})"
             if node.value is not None:
-                yield f"{'each ' if node.value.each else ''}{name} = {node.value.text}"
+                yield f"{'each ' if node.value.each else ''}{'final ' if node.value.final else ''}{name} = {node.value.text}"
 
 
 def _shared(rows: Sequence[tuple[str, str, str]]) -> list[str]:

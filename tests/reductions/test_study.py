@@ -9,7 +9,7 @@ import pytest
 from bgdsl import pipeline
 from bgdsl.accuracy import compare
 from bgdsl.playback import play
-from bgdsl.reduce import Measured, Partitioned, Scenario, condition, decision_for, measure, partition, reduced
+from bgdsl.reduce import Measured, Partitioned, Scenario, condition, decision_for, measure, partition, reduced, tidy
 from bgdsl.reductions.provenance import Choice
 from bgdsl.verification import reduction_of
 
@@ -116,6 +116,13 @@ def test_what_one_part_reads_another_gives(folder: Path) -> None:
         outputs = {record.name for record, _ in program.outputs}
         assert set(entry["outputs"]) <= outputs
         given |= set(entry["outputs"])
+
+
+@pytest.mark.parametrize("path", sorted(REDUCED.glob("*/*.bg")), ids=lambda path: path.stem)
+def test_what_is_committed_checks_without_errors(path: Path) -> None:
+    """All classes of the file, each by itself, as `bgc check` does it."""
+    assert [found.message for found in pipeline.check_file(path) if found.severity == "error"] == []
+    assert tidy(path.read_text("utf-8")) == path.read_text("utf-8")
 
 
 def test_the_balanced_engine_is_written_as_committed() -> None:

@@ -13,7 +13,7 @@ state; for a storage in derivative causality its p or q and the derivative of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from bgdsl.diagnostics import Code, Reporter
 from bgdsl.expr import ZERO, Expr, add, substitute, var, variables
@@ -82,6 +82,7 @@ def derive_equations(causal: CausalGraph, report: Reporter) -> EquationSystem:
     for check in graph.checks:
         work.values.close(check.condition)
     _energies(work)
+    _start_by_equations(work)
     _alias_loops(work)
     report.stop_if_errors()
     initial = tuple(
@@ -320,6 +321,17 @@ def _energies(work: _Work) -> None:
         work.unknowns.append(derivative_name(name))
         work.equations.append(Equation(var(derivative_name(name)), power, derivative_name(name), element.name, element.origin))
     assert all(name.startswith("der(") for name in work.values.missing), work.values.missing
+
+
+def _start_by_equations(work: _Work) -> None:
+    """A start that reads variables is an initial equation: what it reads has a value only once the initial instant is solved."""
+    inputs = {name for signal in work.scalar.graph.signals if signal.role == "input" for name in signal.scalars()}
+    for k, state in enumerate(work.states):
+        if state.start.op == "var" or state.start.args:
+            start = work.values.close(state.start)
+            if not inputs.issuperset(variables((start,))):
+                work.states[k] = replace(state, start=ZERO, fixed=False)
+                work.initial.append(SignalEquation(var(state.name), start, state.origin))
 
 
 def _alias_loops(work: _Work) -> None:

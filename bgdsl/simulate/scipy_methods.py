@@ -54,8 +54,14 @@ class ScipyStepper:
         self._dense: Any = None
 
     def step(self) -> None:
+        import numpy as np
+
         solver = self._solver
-        message = solver.step()
+        try:
+            with np.errstate(all="ignore"):  # what is not finite is told below
+                message = solver.step()
+        except ValueError as error:  # a Jacobian that is not finite
+            raise self._slopes.failure(str(error), self.t, self.x) from error
         counters = self.counters
         counters.rhs = self._slopes.calls
         counters.jacobian = self._jacobian.calls if self._jacobian else 0

@@ -1,5 +1,7 @@
 """Where runs begin: starts by state, by co-energy, by dependent storages, by initial equations."""
 
+from typing import Any
+
 import pytest
 from evaluate import Direct
 
@@ -55,6 +57,30 @@ def test_initial_equations() -> None:
     found = starts(oscillator("I = 2", "e = 10*q + 3*q^3", rest + "\n  v.f = 4;"))
     assert found["m.p"] == pytest.approx(8.0)
     assert 10 * found["s.q"] + 3 * found["s.q"] ** 3 == pytest.approx(-9.81, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("start", "wanted"), [("x", 3.0), ("2*v.f", 10.0), ("m.p + z", 19.0), ("time + 1", 1.0), ("z", 9.0)], ids=lambda value: str(value)
+)
+def test_a_start_that_reads_variables(start: str, wanted: float) -> None:
+    text = f"""
+model Following
+  J1 v;  I m(I = 2, f(start = 5));  R damper(R = 1);
+  Real y(start = {start});  Real x(start = 3);  Real z = x^2;
+equation
+  v -> m, damper;  der(x) = v.f;  der(y) = x;
+end Following;
+"""
+    assert starts(text) == pytest.approx({"m.p": 10.0, "y": wanted, "x": 3.0})
+    module: dict[str, Any] = {}
+    exec(bgdsl.loads(text).module_text(), module)
+    found = module["initial_state"](module["parameters"]())
+    assert dict(zip((s.name for s in module["STATES"]), found, strict=True)) == pytest.approx({"m.p": 10.0, "y": wanted, "x": 3.0})
+
+
+def test_a_start_that_reads_itself() -> None:
+    with pytest.raises(BgError, match="BG506"):
+        starts(oscillator("I = 2", "k = 10").replace("J1 v;", "J1 v;  Real y(start = y);").replace("m, s;", "m, s;  der(y) = 1;"))
 
 
 def geared(first: str, second: str) -> str:

@@ -52,6 +52,13 @@ def test_growth_without_bound_stops_at_its_time(method: str) -> None:
     assert caught.value.diagnostics[0].code.number in ("BG630", "BG631")
 
 
+def test_a_jacobian_that_is_not_finite_is_no_fault_of_the_compiler() -> None:
+    law = "f = 1e-9*(exp(e/0.05) - 1e300)"
+    text = f"model M\n  J0 p;  C c(C = 1e-3);  R d({law});  J1 s;  Se u(e = 10*sin(300*time));  R r(R = 1);\nequation\n"
+    with pytest.raises(RunError):
+        simulate(text + "  u -> s;  s -> r, p;  p -> c, d;\nend M;\n", stop=0.05, method="radau")
+
+
 def test_an_equation_without_solution_beyond_a_time_is_named() -> None:
     page = explanation("BG632")
     assert page is not None

@@ -8,6 +8,7 @@ Reports      BG507 an initial equation that no state can satisfy
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from bgdsl.diagnostics import Code, Reporter, listed
@@ -30,7 +31,12 @@ def initial_system(system: EquationSystem, report: Reporter) -> EquationSystem |
     loose = len(system.unknowns) + sum(not s.fixed for s in states)
     # initial equations come first to the states without a start, then starts of dependent storages, then initial equations to any state
     known = len(system.equations) + len(stated)
-    matching = _matched([*system.equations, *stated, *followed], names, loose)
+    number = {name: j for j, name in enumerate(names)}
+    assigned = [FREE if e.assigned is None else number[e.assigned] for e in system.equations]
+    # the unknowns come first of all, or an equation of several might take a state for itself and leave its unknown
+    settled = _matched(system.equations, names, len(system.unknowns), assigned)
+    given = [*settled.column_of, *(FREE for _ in (*stated, *followed))]
+    matching = _matched([*system.equations, *stated, *followed], names, loose, given)
     followed = [e for e, j in zip(followed, matching.column_of[known:], strict=True) if j != FREE]
     equations = (*system.equations, *stated, *followed)
     matching = match(incidence(equations, names), len(names), [j for i, j in enumerate(matching.column_of) if i < known or j != FREE])
@@ -46,10 +52,8 @@ def initial_system(system: EquationSystem, report: Reporter) -> EquationSystem |
     )
 
 
-def _matched(equations: list[Equation], names: tuple[str, ...], columns: int) -> Matching:
-    """A maximum matching with the first `columns` names."""
-    number = {name: j for j, name in enumerate(names)}
-    given = [FREE if e.assigned is None else number[e.assigned] for e in equations]
+def _matched(equations: Sequence[Equation], names: Sequence[str], columns: int, given: Sequence[int]) -> Matching:
+    """A maximum matching with the first `columns` names that begins with the one given; what that matches stays matched."""
     return match([[j for j in row if j < columns] for row in incidence(equations, names)], len(names), given)
 
 

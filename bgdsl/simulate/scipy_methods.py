@@ -57,6 +57,8 @@ class ScipyStepper:
         import numpy as np
 
         solver = self._solver
+        if not np.isfinite(getattr(solver, "h_abs", 0.0)):  # it would try for ever to find a step that is small enough
+            raise self._slopes.failure("the derivatives are not finite", self.t, self.x)
         try:
             with np.errstate(all="ignore"):  # what is not finite is told below
                 message = solver.step()

@@ -59,6 +59,13 @@ def test_a_jacobian_that_is_not_finite_is_no_fault_of_the_compiler() -> None:
         simulate(text + "  u -> s;  s -> r, p;  p -> c, d;\nend M;\n", stop=0.05, method="radau")
 
 
+@pytest.mark.parametrize("method", ["cvode-bdf", "cvode-adams", "rk45", "lsoda", "radau", "vode-adams"])
+def test_derivatives_that_are_not_finite_at_the_start(method: str) -> None:
+    with pytest.raises(RunError) as caught:
+        simulate("model M\n  Real x(start = 0);\n  Real y(start = 1);\nequation\n  der(x) = y/x*x;\n  der(y) = x;\nend M;\n", method=method)
+    assert caught.value.diagnostics[0].code.number == "BG630" and caught.value.time == 0.0
+
+
 def test_an_equation_without_solution_beyond_a_time_is_named() -> None:
     page = explanation("BG632")
     assert page is not None

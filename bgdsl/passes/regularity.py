@@ -41,7 +41,7 @@ def is_singular(rows: Sequence[Mapping[int, Expr]], moduli: Moduli) -> bool:
     return len(rows) <= LARGEST and _is_cancelled(rows, moduli)
 
 
-def _rank_is_lost(rows: list[list[float]]) -> bool:
+def _rank_is_lost(rows: list[list[float]], least: float = ROUND_OFF) -> bool:
     """Gaussian elimination with row scaling and partial pivoting: whether a pivot is round-off."""
     n = len(rows)
     if not all(math.isfinite(value) for row in rows for value in row):
@@ -51,7 +51,7 @@ def _rank_is_lost(rows: list[list[float]]) -> bool:
         return True
     for k in range(n):
         pivot = max(range(k, n), key=lambda i: abs(rows[i][k]))
-        if abs(rows[pivot][k]) < ROUND_OFF:
+        if abs(rows[pivot][k]) < least:
             return True
         rows[k], rows[pivot] = rows[pivot], rows[k]
         for i in range(k + 1, n):
@@ -102,7 +102,11 @@ def _numbers(nodes: Sequence[Expr], moduli: Moduli, random: Random) -> Mapping[E
 
 
 def _has_lost_rank(rows: Sequence[Mapping[int, Expr]], known: Mapping[Expr, Number]) -> bool:
-    """Gaussian elimination by the surest pivots: whether what is left is nothing but what cancellation leaves."""
+    """Gaussian elimination by the surest pivots: whether what is left is nothing but what cancellation leaves. The sizes are bounds,
+    and in large matrices loose ones; so the numbers themselves have to lose their rank too."""
+    n = len(rows)
+    if not _rank_is_lost([[_certain(known[row[j]]) if j in row else 0.0 for j in range(n)] for row in rows], n * ROUND_OFF):
+        return False
     left = [{j: known[value] for j, value in row.items()} for row in rows]
     while left:
         sure, i, j = max((abs(value) / size if size else 0.0, i, j) for i, row in enumerate(left) for j, (value, size) in row.items())
@@ -116,6 +120,12 @@ def _has_lost_rank(rows: Sequence[Mapping[int, Expr]], known: Mapping[Expr, Numb
         if any(not row for row in left):
             return True
     return False
+
+
+def _certain(number: Number) -> float:
+    """The value, zero where that is all cancellation may have left."""
+    value, size = number
+    return value if abs(value) > CANCELLED * size else 0.0
 
 
 def _subtract(row: dict[int, Number], pivot: Mapping[int, Number], head: Number, value: float) -> None:

@@ -5,10 +5,11 @@ run with integrals -> activities -> decision -> rewritten source -> compiled aga
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from bgdsl.diagnostics import BgError, Reporter
 from bgdsl.expr import leaves
@@ -158,9 +159,9 @@ def reduced_already(measured: Measured, choice: Choice) -> bool:
     return not measured.changed and reduced_before(definition, choice, report.experiment, report.window)
 
 
-def decision_text(measured: Measured, decision: Decision, *, folder: Path | None = None) -> str:
-    """A decision as source, to be tried."""
-    return _written(measured, decision, provenance(measured, Choice(decision.threshold).settings()), folder).source
+def written(measured: Measured, decision: Decision, *, folder: Path | None = None) -> Reduced:
+    """A decision as source, to be tried; its own decision is less what had to be taken back."""
+    return _written(measured, decision, provenance(measured, Choice(decision.threshold).settings()), folder)
 
 
 def decision_for(measured: Measured, choice: Choice) -> Decision:
@@ -180,18 +181,18 @@ def _written(measured: Measured, decision: Decision, head: Provenance, folder: P
     model = measured.model
     edits = new_defaults(model, measured.changed)
 
-    def write(chosen: Decision) -> tuple[Rewrite, Decision]:
-        return rewrite(
-            model.library,
-            model.scalar,
-            measured.report,
-            chosen,
-            head,
-            folder=folder,
-            more=edits or (),
-            changed=measured.changed,
-            form="auto" if edits is not None else "opened",
-        )
+    def in_form(form: Literal["auto", "opened"], chosen: Decision) -> tuple[Rewrite, Decision]:
+        texts, more = (model.library, model.scalar, measured.report, chosen, head), edits or ()
+        return rewrite(*texts, folder=folder, more=more, changed=measured.changed, form=form)
+
+    def write(chosen: Decision) -> Iterator[tuple[Rewrite, Decision]]:
+        if edits is None:
+            yield in_form("opened", chosen)
+            return
+        yield (best := in_form("auto", chosen))
+        if not best[0].opened:
+            with suppress(BgError):  # then what is wrong with the first is told
+                yield in_form("opened", chosen)
 
     written, decision = repaired(model.scalar, measured.report, decision, write, lambda text: fault_of(model, text, folder))
     original = model.library.main.source

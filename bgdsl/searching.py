@@ -18,7 +18,7 @@ from bgdsl.accuracy import Comparison, check_common, compare, worst_error
 from bgdsl.diagnostics import BgError, Reporter, RunError
 from bgdsl.passes.weights import WEIGHTS, weights_in
 from bgdsl.playback import Played, as_played, played
-from bgdsl.reduce import Measured, Reduced, Scenario, decision_text, reduced, reduced_already
+from bgdsl.reduce import Measured, Reduced, Scenario, reduced, reduced_already, written
 from bgdsl.reductions.condition import Decision, considered, settle
 from bgdsl.reductions.determined import Structure, gone_elements, reinstate
 from bgdsl.reductions.provenance import Choice
@@ -72,14 +72,18 @@ def smallest(
     slow = {t: level for t, level in trials.levels.items() if t not in trials.weighed}
     like, others = (families(measured.model.scalar, levels) for levels in (quick, slow))
     found = smallest_within(quick, like, allowed, trials.attempt, slow=others, most=most, progress=progress)
+    best = Searched(None, None, replace(found, best=None), trials.full)
     for candidate in sorted(found.tried, key=lambda c: (-c.dropped, c.error)):
-        if candidate.error <= allowed and candidate.dropped:
+        if candidate.dropped <= (len(best.reduced.decision.dropped) if best.reduced is not None else 0):
+            break
+        if candidate.error <= allowed:
             choice = trials.choice(candidate)
-            written = reduced(measured, choice, folder=folder)
-            accuracy = trials.accuracy(written)
-            if accuracy is not None and accuracy.worst <= allowed:
-                return Searched(written, accuracy, replace(found, best=candidate), trials.full, choice)
-    return Searched(None, None, replace(found, best=None), trials.full)
+            made = reduced(measured, choice, folder=folder)
+            accuracy = trials.accuracy(made)
+            more = best.reduced is None or len(made.decision.dropped) > len(best.reduced.decision.dropped)
+            if more and accuracy is not None and accuracy.worst <= allowed:
+                best = Searched(made, accuracy, replace(found, best=candidate), trials.full, choice)
+    return best
 
 
 class _Trials:
@@ -129,8 +133,8 @@ class _Trials:
         decision = reinstate(scalar, self._measured.report, decision, self._structure)
         if decision.dropped not in self._known:
             self._known[decision.dropped] = self._tried(decision)
-        left = spared(self.levels, threshold, decision.dropped)
-        return replace(self._known[decision.dropped], threshold=threshold, spared=len(left))
+        candidate = self._known[decision.dropped]
+        return replace(candidate, threshold=threshold, spared=len(spared(self.levels, threshold, candidate.terms)))
 
     # -------------------------------------------------------------------------------------------------------------- trying
 
@@ -139,13 +143,13 @@ class _Trials:
         ways = [self._by_weights, self._as_written] if self._can_be_weighed(decision) else [self._as_written]
         for way in ways:
             try:
-                run = way(decision)
+                run, dropped = way(decision)
             except BgError as problem:
                 if isinstance(problem, RunError) and problem.time > self.full.time[0]:
                     break  # it comes to grief in whatever form
                 continue
             error = self._error(run)
-            return Candidate(decision.threshold, decision.dropped, run.states, error if error >= 0.0 else math.inf, run.seconds)
+            return Candidate(decision.threshold, dropped, run.states, error if error >= 0.0 else math.inf, run.seconds)
         return Candidate(decision.threshold, decision.dropped, 0, math.inf, 0.0)
 
     def _can_be_weighed(self, decision: Decision) -> bool:
@@ -154,11 +158,11 @@ class _Trials:
         loose = (t for t in decision.dropped if t not in self.weighed)
         return all(decision.dropped.issuperset(scalar.terms_at[scalar.terms[t].junction]) for t in loose)
 
-    def _by_weights(self, decision: Decision) -> Played:
+    def _by_weights(self, decision: Decision) -> tuple[Played, frozenset[int]]:
         run = self._run(decision.dropped, self._settings)
         gone = gone_elements(self._measured.model.scalar, decision)
         states = sum(len(element.states) for element in self._measured.model.graph.elements if element.name in gone)
-        return replace(run, states=run.states - states)
+        return replace(run, states=run.states - states), decision.dropped
 
     def _run(self, dropped: frozenset[int], settings: dict[str, Any]) -> Played:
         """The weighed model without these terms."""
@@ -168,9 +172,10 @@ class _Trials:
         names = self._names if self._names is not None else tuple(self.full.signals)
         return played(self._file.name, self._weighed, Scenario(scenario.experiment, parameters, settings), names)
 
-    def _as_written(self, decision: Decision) -> Played:
-        text = decision_text(self._measured, decision, folder=self._file.parent)
-        return self._of_text(text, self._settings)
+    def _as_written(self, decision: Decision) -> tuple[Played, frozenset[int]]:
+        """The run, and the terms that fell: some may have had to be taken back."""
+        made = written(self._measured, decision, folder=self._file.parent)
+        return self._of_text(made.source, self._settings), made.decision.dropped
 
     def _of_text(self, text: str, settings: dict[str, Any] | None) -> Played:
         model = pipeline.load_source(Source(self._file.name, text, self._file), self._measured.model.name)
@@ -183,10 +188,10 @@ class _Trials:
     def _error(self, run: Played) -> float:
         return worst_error(self.full, run, window=self._measured.report.window, shaft=self._asked.shaft)
 
-    def accuracy(self, written: Reduced) -> Comparison | None:
+    def accuracy(self, made: Reduced) -> Comparison | None:
         """A written model beside the full one, at the full one's tolerance; None where it cannot be run."""
         try:
-            run = self._of_text(written.source, dict(self._measured.scenario.settings or {}))
+            run = self._of_text(made.source, dict(self._measured.scenario.settings or {}))
             return compare(self.full, run, window=self._measured.report.window, shaft=self._asked.shaft)
         except BgError:
             return None

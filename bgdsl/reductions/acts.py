@@ -28,12 +28,13 @@ Tree = dict[Names, dict[tuple[Index, ...], Acts]]
 class Given:
     """of[variant, node][index]: what is said of a component where it is declared. by: the instances of the variant for which that is
     what acts; the others are given theirs further out. whole: all that acts below each instance. mixed: declarators of arrays of which
-    some elements have their class from elsewhere, though the modifications of the declaration go for them too."""
+    some elements have their class from elsewhere (from these redeclarations), though the modifications of the declaration go for them
+    too."""
 
     of: dict[tuple[int, Node], dict[Index, Tree]] = field(default_factory=dict)
     by: dict[tuple[int, Node], list[str]] = field(default_factory=dict)
     whole: Mapping[str, Tree] = field(default_factory=dict)
-    mixed: set[int] = field(default_factory=set)
+    mixed: dict[int, dict[int, None]] = field(default_factory=dict)
 
     def all_said(self, path: str, name: str, index: Index, tree: Tree, more: Iterable[Names]) -> Tree:
         """A tree with what others like it are told, too: what acts there in the component `name` of the instance `path`."""
@@ -46,8 +47,15 @@ class Given:
         return result
 
 
-def give(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], variants: Variants, odd: frozenset[str]) -> Given:
-    """What is said where. odd: instances of another structure than their class has by itself, which are never what it says.
+def give(
+    texts: SourceMap,
+    edits: Mapping[tuple[str, UnitKey], ClassEdits],
+    variants: Variants,
+    odd: frozenset[str],
+    levels: Mapping[str, int],
+) -> Given:
+    """What is said where. odd: instances of another structure than their class has by itself, which are never what it says. levels: of
+    parts of which it is said already, the number of steps to the instance in whose text that is: it has to be said there again.
 
     An error if a redeclaration from afar would have to differ by element.
     """
@@ -63,11 +71,12 @@ def give(texts: SourceMap, edits: Mapping[tuple[str, UnitKey], ClassEdits], vari
         if isinstance(site.node, ast.Redeclaration):
             parent, _, last = path.rpartition(".")
             member = texts.member(parent, indexed(last)[0])
-            given.mixed |= {id(member[2])} if member else set()
+            if member:
+                given.mixed.setdefault(id(member[2]), {})[id(site.node)] = None
         after[site.unit.key] |= {unit.key: None for unit in texts.units(texts.class_of(path))}
     for key in TopologicalSorter(after).static_order():
         for variant in variants.of[key]:
-            _settle(variant, edits, children, variants, pending, given, odd)
+            _settle(variant, edits, children, variants, pending, given, odd, levels)
     return given
 
 
@@ -79,6 +88,7 @@ def _settle(
     pending: dict[str, Tree],
     given: Given,
     odd: frozenset[str],
+    levels: Mapping[str, int],
 ) -> None:
     """What the form of a class says; what its instances that differ are still to be given."""
     values: dict[Node, dict[str, dict[Index, Tree]]] = defaultdict(dict)
@@ -94,11 +104,13 @@ def _settle(
                 steps = child.removeprefix(f"{path}.").split(".")
                 way[id(site.node)] = tuple(indexed(step)[0] for step in steps)
                 of_path = values[id(site.node)].setdefault(path, {})
-                if of_path.setdefault(site.index, pending[child]) != pending[child]:
+                if of_path.setdefault(site.index, dict(pending[child])) != pending[child]:
                     raise UnwritableError((), f"the elements that are redeclared from outside differ: `{child}`")
     for node, by_path in values.items():
-        even = [path for path in variant.paths if path not in odd]
-        common = _most_common([by_path.get(path, {}) for path in even or variant.paths])
+        said_further_out = _taken_out(by_path, way[node], pending, given, levels) if levels else set()
+        free = [path for path in variant.paths if path not in said_further_out]
+        even = [path for path in free if path not in odd]
+        common = _most_common([by_path.get(path, {}) for path in even or free]) if free else {}
         given.of[id(variant), node] = common
         given.by[id(variant), node] = [path for path in variant.paths if by_path.get(path, {}) == common]
         for path in variant.paths:
@@ -109,6 +121,25 @@ def _settle(
                     full = (*way[node], *names)
                     if full in given.whole[path]:
                         pending.setdefault(path, {})[full] = given.whole[path][full]
+
+
+def _taken_out(
+    by_path: dict[str, dict[Index, Tree]], way: Names, pending: dict[str, Tree], given: Given, levels: Mapping[str, int]
+) -> set[str]:
+    """Move what the text says further out than in these instances there; the instances concerned."""
+    concerned: set[str] = set()
+    for path, of_path in by_path.items():
+        depth = path.count(".") + 1 if path else 0
+        for index, tree in list(of_path.items()):
+            for names, full in list(elements(path, way, index, tree)):
+                if any(levels.get(part, depth) < depth for part in full):
+                    concerned.add(path)
+                    del tree[names]
+                    whole = (*way, *names)
+                    pending.setdefault(path, {})[whole] = given.whole[path][whole]
+            if not tree:
+                del of_path[index]
+    return concerned
 
 
 def _most_common(found: list[dict[Index, Tree]]) -> dict[Index, Tree]:

@@ -80,13 +80,20 @@ class Declared:
         if base is None:
             return []
         others = [kind for kind in found.values() if kind is not base]
-        if not base.tree or (
-            node not in self.given.mixed
-            and all(base.tree.keys() <= self.told_all(node, component, base, other).tree.keys() for other in others)
-        ):
+        told = [self.told_all(node, component, base, other).tree.keys() for other in others]
+        if not base.tree or (self.said_elsewhere(node, base) and all(base.tree.keys() <= names for names in told)):
             return [base, *others]
         # what is said of most elements would be said of others, too, that have nothing of the kind
         return [Kind(base.name, {}, base.indices), base, *others]
+
+    def said_elsewhere(self, node: Node, base: Kind) -> bool:
+        """Do all elements of an array that have their class from elsewhere get told, there, what the declaration says of the others?"""
+        variant, names = self.variant, base.tree.keys()
+        for other in self.given.mixed.get(node, ()) if isinstance(node, int) else ():
+            trees = self.given.of.get((id(variant), other), {})
+            if variant.parts.get(other, trees).keys() - trees.keys() or any(names - tree.keys() for tree in trees.values()) or not trees:
+                return False
+        return True
 
     def told_all(self, node: Node, name: str, base: Kind, kind: Kind) -> Kind:
         """A kind with all that the declaration, which goes for its elements too, says of the base."""
@@ -218,7 +225,8 @@ class Declared:
         return edits
 
     def in_place(self, item: ast.Redeclaration, kind: Kind) -> list[Edit]:
-        return self.as_kind(item, kind, "" if kind.indices == [()] else "each ")
+        one = len(kind.indices) == 1 and all(isinstance(subscript, ast.Number) for subscript in item.subscripts)
+        return self.as_kind(item, kind, "" if one else "each ")
 
     def as_kind(self, item: ast.Redeclaration, kind: Kind, each: str) -> list[Edit]:
         edits = [] if kind.name is None else [Edit(item.type.span, kind.name)]

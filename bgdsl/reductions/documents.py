@@ -12,6 +12,7 @@ from pathlib import Path
 
 from bgdsl.diagnostics import Reporter
 from bgdsl.reductions.acts import Given
+from bgdsl.reductions.again import ONE_WAY
 from bgdsl.reductions.declared import Declared, Tell, spliced
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError, walk
 from bgdsl.reductions.specialise import Variant, Variants
@@ -21,7 +22,6 @@ from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
 
 SHIPPED = Path(__file__).parent.parent / "library"
-ONE_WAY = SHIPPED / "bonds" / "one_way.bg"
 
 Target = tuple[str, str]
 """(module key, name) of a definition."""

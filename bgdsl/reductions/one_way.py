@@ -44,7 +44,7 @@ def write_parts(writer: Writer, splits: Sequence[Split], kinds: Mapping[int, int
         sites[split.element.name] = site
         chosen[site.unit.key][indexed(last)[0]] = None
         touched[path][site.unit.key] = None
-        writer.tell(split.element.name, _told(split))
+        writer.tell(split.element.name, fell_in(split))
     for path, units in _siblings(writer, touched):
         touched[path] |= units
     flavours = _flavours(writer, chosen, touched)
@@ -148,7 +148,7 @@ def _acts(element: Element, entries: Sequence[Entry] | None, kind: str) -> Acts:
     return rows[0][0] if kind in NAMES else tuple(map(tuple, rows))
 
 
-def _told(split: Split) -> list[tuple[str, str, int]]:
+def fell_in(split: Split) -> list[tuple[str, str, int]]:
     """What fell in an element: effort or flow, the entry, the term."""
     kind = split.element.kind
     scalar = all(port.size is None for port in split.element.ports)

@@ -137,11 +137,11 @@ def _acts(
 def _fell(request: Request | None, scalar: ScalarGraph) -> list[tuple[str, str, int]]:
     fell: list[tuple[str, str, int]] = []
     for position, pair in request.terms.items() if request else ():
-        for t in _ends(pair, request.actions[position]) if request else ():
+        for t in ends_of(pair, request.actions[position]) if request else ():
             what = "effort" if scalar.junctions[scalar.terms[t].junction].kind == 1 else "flow"
             fell.append((what, f"[{position + 1}]", t))
     return fell
 
 
-def _ends(pair: tuple[int, int], action: Action) -> tuple[int, ...]:
+def ends_of(pair: tuple[int, int], action: Action) -> tuple[int, ...]:
     return pair if action == "both" else (pair[0],) if action == "tail" else (pair[1],)

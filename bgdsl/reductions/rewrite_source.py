@@ -21,6 +21,7 @@ from bgdsl.ir.activity import ActivityReport
 from bgdsl.ir.rewrite import Change, Rewrite
 from bgdsl.ir.scalar import ScalarGraph
 from bgdsl.reductions.acts import give
+from bgdsl.reductions.again import fold, parts_of, write_again
 from bgdsl.reductions.condition import Decision, owners, read_names, settle
 from bgdsl.reductions.cuts import write_cuts
 from bgdsl.reductions.declared import Tell
@@ -163,6 +164,8 @@ def _written(
 ) -> Rewrite:
     texts = SourceMap(library, scalar.graph)
     writer = Writer(texts, scalar)
+    before = parts_of(writer)
+    whole_task, (task, lost) = task, fold(task, before, writer)
     comments = {term.index: term_mark(term.index) for term in scalar.terms}
     bonds = port_bonds(scalar)
     read = owners(read_names(scalar.graph))
@@ -180,15 +183,16 @@ def _written(
         write_removal(writer, removal, bonds, comments, whole)
     for name in task.junctions:
         writer.remove_junction(name)
+    levels = write_again(writer, before, lost)
     odd = settle_defaults(writer)
     variants = specialise(texts, writer.edits, describing(report))
-    given = give(texts, writer.edits, variants, odd)
+    given = give(texts, writer.edits, variants, odd, levels)
     text = document(texts, variants, given, telling(report, writer.told), provenance.annotation(), folder, more)
     specialised = {v.name: v.unit.model.name for v in variants if v.renamed}
     forward: dict[str, str | None] = {removal.element.name: None for removal in task.removals if removal.gone}
     forward |= dict.fromkeys(task.junctions)
     forward |= {split.element.name: f"{split.element.name}.both" for split in parts}
-    return Rewrite(text, _changes(scalar, task, term_comments(scalar, report)), forward, specialised, dict(taken_back))
+    return Rewrite(text, _changes(scalar, whole_task, term_comments(scalar, report)), forward, specialised, dict(taken_back))
 
 
 def _changes(scalar: ScalarGraph, task: Plan, comments: Mapping[int, str]) -> tuple[Change, ...]:

@@ -139,7 +139,7 @@ def _variant(
     )
     if key not in known:
         below = [*bases.values(), *(v for of_node in parts.values() for v in of_node.values())]
-        changed = bool(own or retyped or inserted) or any(v.changed for v in below)
+        changed = bool(own or retyped or inserted or (changes and changes.acts)) or any(v.changed for v in below)
         known[key] = Variant(unit, own, parts, bases, retyped, inserted, path, changed)
     variant = known[key]
     for node, of_node in parts.items():

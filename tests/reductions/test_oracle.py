@@ -101,3 +101,14 @@ def test_arrays_loops_and_moduli_from_outside_stay(seed: int) -> None:
     assert [finding.message for finding in findings if finding.severity == "error"] == []
     assert result.text.count("for i in 1:") >= text.count("for i in 1:")
     assert re.search(r"Arm\w* x\[\d\]\(", result.text)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_what_is_reduced_is_reduced_again(seed: int) -> None:
+    """What falls in a part of a matrix or bond is another value of its `acts`."""
+    model, report, decision, _ = decided(hierarchical_model(seed), seed)
+    once, _ = rewrite(model.library, model.scalar, report, decision, provenance(model, report, 0.5), form="kept")
+    model, report, decision, states = decided(once.text, seed + 1000)
+    again, settled = rewrite(model.library, model.scalar, report, decision, provenance(model, report, 0.6), form="kept")
+    assert_equal(model, again, settled, states)
+    assert "only(2, acts" not in again.text  # no class of the library is copied

@@ -15,6 +15,9 @@ from bgdsl.reductions.compare import OutputComparison, Shaft, compare_output, er
 from bgdsl.simulate.options import BAD_SETTING
 from bgdsl.source import Source, said
 
+MOST_STEPS = 30
+"""A reduced model that takes so many times the steps of the full one is not run to its end."""
+
 NOTHING_TO_COMPARE = Code("BG743", "two models have no output in common")
 
 # --------------------------------------------------------------------------------------------------------------- compare
@@ -134,11 +137,13 @@ def _spread(played: Played, outputs: Sequence[str]) -> set[str]:
 def measured_accuracy(reduced: Reduced, file: Path) -> Comparison | None:
     """The reduced model beside the full one along the run that it was made from: a threshold bounds no error by itself.
 
-    Where the model has no outputs, by the states that both have; None where no such state is left.
+    Where the model has no outputs, by the states that both have; None where no such state is left. BgError where it cannot be run, or
+    takes so many more steps that it is no reduction.
     """
     measured = reduced.measured
     small = pipeline.load_source(Source(file.name, reduced.source, file), measured.model.name)
-    again = replace(measured.scenario, parameters=None)  # changed parameters are the reduced model's defaults
+    settings = {**(measured.scenario.settings or {}), "most_steps": MOST_STEPS * max(1, measured.run.statistics.steps)}
+    again = replace(measured.scenario, parameters=None, settings=settings)  # changed parameters are the reduced model's defaults
     names = None if measured.model.program.outputs else [n for n in measured.run.trajectory.names if n in small.program.values]
     if names == []:
         return None

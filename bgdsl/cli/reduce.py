@@ -14,6 +14,7 @@ from bgdsl.cli import arguments as arg
 from bgdsl.cli import console
 from bgdsl.cli.app import app
 from bgdsl.cli.groups import RunGroup, grouped
+from bgdsl.diagnostics import BgError, as_records
 
 if TYPE_CHECKING:
     from bgdsl.accuracy import Comparison
@@ -137,24 +138,38 @@ def condition(
     else:
         reduced = reduce.condition(found, eps, guard=guard, folder=output.parent)
     write(output, reduced.source, ours=_is_conditioned, force=force)
-    _told(reduced, output, measured_accuracy(reduced, output) if reduced.decision.dropped else None, format)
-    return 0
+    accuracy, failure = None, None
+    try:
+        accuracy = measured_accuracy(reduced, output) if reduced.decision.dropped else None
+    except BgError as error:  # it compiles, and is worth a look: what was dropped kept it in bounds
+        failure = error
+    _told(reduced, output, accuracy, failure, format)
+    return 0 if failure is None else 1
 
 
-def _told(reduced: Reduced, output: Path, accuracy: Comparison | None, format: arg.Format) -> None:
+TAKEN_BACK_SHOWN = 8
+"""So many terms are named; JSON names all."""
+
+
+def _told(reduced: Reduced, output: Path, accuracy: Comparison | None, failure: BgError | None, format: arg.Format) -> None:
     if format is arg.Format.JSON:
-        console.out_json(_document(reduced, output, accuracy))
+        console.out_json({**_document(reduced, output, accuracy), "failure": failure and as_records(failure.diagnostics)})
         return
     decision, records = reduced.decision, reduced.report.by_index()
     terms = len(reduced.measured.model.scalar.terms)
     console.out(f"{output}: {len(decision.dropped)} of {terms} terms dropped at {100 * decision.threshold:g} %")
     if decision.reinstated:
-        back = ", ".join(records[t].name for t in decision.reinstated)
-        console.out(f"taken back, since a junction would have been left undetermined: {back}")
+        shown, more = decision.reinstated[:TAKEN_BACK_SHOWN], len(decision.reinstated) - TAKEN_BACK_SHOWN
+        back = ", ".join(records[t].name for t in shown) + (f" and {more} more" if more > 0 else "")
+        why = "a junction would have been left undetermined" if decision.fault is None else f"else it does not compile ({decision.fault})"
+        console.out(f"taken back, since {why}: {back}")
     for reason in reduced.rewrite.reasons:
         console.message(f"written with its vectors opened: {reason}")
     if accuracy is not None:
         console.out(_accuracy(accuracy))
+    if failure is not None:
+        console.diagnostics(failure.diagnostics)
+        console.message(f"{output} is written and compiles, but its run fails")
 
 
 def _accuracy(accuracy: Comparison) -> str:

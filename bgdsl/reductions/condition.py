@@ -37,7 +37,7 @@ class Decision:
 
     observers: elements whose term is dropped but whose variables are read: they stay, driven by a source.
     unexcited: scalar junctions without any activity, left as they are. reinstated: dropped terms taken back because a
-    junction would have been left without determiner.
+    junction would have been left without determiner, or because the model did not compile without them: then `fault` says why.
     """
 
     threshold: float
@@ -46,6 +46,7 @@ class Decision:
     observers: frozenset[str]
     unexcited: tuple[int, ...]
     reinstated: tuple[int, ...] = ()
+    fault: str | None = None
 
     def without(self, terms: Iterable[int]) -> Decision:
         """The decision with some dropped terms taken back."""

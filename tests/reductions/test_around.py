@@ -89,11 +89,26 @@ def test_a_text_that_does_not_compile_is_repaired(lever: pipeline.Model, lever_r
     decision = Decision(0.5, frozenset({3, 2, 11}), (), frozenset(), ())
 
     def write(d: Decision):  # type: ignore[no-untyped-def]
-        return rewrite(lever.library, lever.scalar, lever_report, d, provenance(lever, lever_report, 0.5))
+        yield rewrite(lever.library, lever.scalar, lever_report, d, provenance(lever, lever_report, 0.5))
 
     result, settled = repaired(lever.scalar, lever_report, decision, write, lambda text: "no damper" if "R damperB" not in text else None)
     assert "R damperB" in result.text
     assert 11 in settled.reinstated
+    assert settled.fault == "no damper"
+
+
+def test_a_form_that_does_not_compile_gives_way_to_the_next(lever: pipeline.Model, lever_report: ActivityReport) -> None:
+    decision = Decision(0.5, frozenset({3, 2, 11}), (), frozenset(), ())
+
+    def write(d: Decision):  # type: ignore[no-untyped-def]
+        for form in ("kept", "opened"):
+            yield rewrite(lever.library, lever.scalar, lever_report, d, provenance(lever, lever_report, 0.5), form=form)
+
+    result, settled = repaired(lever.scalar, lever_report, decision, write, lambda text: "wrong" if "// The" in text else None)
+    assert result.opened
+    assert result.reasons == ("wrong",)
+    assert settled.dropped == decision.dropped
+    assert not settled.reinstated
 
 
 def test_what_cannot_be_written_at_all_is_refused_with_BG703(lever: pipeline.Model, lever_report: ActivityReport) -> None:  # noqa: N802

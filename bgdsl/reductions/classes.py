@@ -4,7 +4,7 @@ Input        Contents, the instances of the model
 Output       Classes     a Kind for every class to be written, innermost first
 Establishes  instances that contain the same share a class; what all its instances give alike stands in the class, what differs or
              reads things outside stands with the instance, as a modification
-Reports      nothing
+Reports      nothing; UnwritableError where something cannot be read
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from bgdsl.ir.graph import Instance
 from bgdsl.reductions.compact import alike
 from bgdsl.reductions.forms import Seen, array_form
 from bgdsl.reductions.places import OUTPUT, PARAMETER, SIGNAL, Body, Contents, Key, Piece, Shown, Spot, Value, split, within
+from bgdsl.reductions.source_map import UnwritableError
 
 Steps = tuple[str, ...]
 """The path of a modification: `("rod", "mass_3", "f", "start")`."""
@@ -106,9 +107,18 @@ class Classes:
 
         return array_form(roots, shape, lambda leaf: self.seen(leaf, scope), self.contents.fixed, show)
 
+    def said(self, value: Value, scope: str) -> str:
+        """A value that has to be said in the class of `scope`."""
+        text = self.text(value, scope)
+        if text is None:
+            raise UnwritableError(
+                (), f"an equation of `{scope}` reads what is in no part" if scope else "an equation reads what is in no part"
+            )
+        return text
+
     def spot(self, variable: str, scope: str) -> Spot | None:
         """The place at which a variable can be read in the class of `scope`."""
-        return next((spot for spot in self.contents.readings[variable] if within(spot.owner, scope)), None)
+        return next((spot for spot in self.contents.readings.get(variable, ()) if within(spot.owner, scope)), None)
 
     def seen(self, leaf: Expr, scope: str) -> Seen | None:
         """An entry of an array, as it is read in the class of `scope`."""
@@ -293,7 +303,8 @@ def _settle(
             kind.given[key] = here
             kind.tables |= dict.fromkeys(_tables(bundles[first]))
         return
-    assert first, f"{key} cannot be said anywhere"
+    if not first:
+        raise UnwritableError((), f"`{'.'.join(key[2])}` reads what is in no part")
     if piece is not None:
         kind.inputs.add(key[2])
     default = _usual(told) if parameter and piece is not None and piece.default and not piece.final else None

@@ -143,16 +143,22 @@ class Quantities:
         roots = [root for value in self.all_values() for root in value.roots]
         for v in self.part.outputs:
             roots += self.wording.prepared((var(v),))
-        waiting = [leaf.data for leaf in leaves(roots, "param")]
         pieces: dict[str, Piece] = {}
+        self.read_parameters(roots, pieces)
+        for experiment in self.graph.experiments:
+            self.read_parameters([value for name, value in experiment.changes.items() if name in self.found.readings], pieces)
+        for parameter in self.graph.parameters:
+            if parameter.name in pieces:
+                self.found.add(pieces[parameter.name])
+
+    def read_parameters(self, roots: Iterable[Expr], pieces: dict[str, Piece]) -> None:
+        """The parameters that these expressions read, with those that they read."""
+        waiting = [leaf.data for leaf in leaves(roots, "param")]
         while waiting:
             parameter = self.wording.parameter_of[waiting.pop()]
             if parameter.name not in pieces:
                 pieces[parameter.name] = piece = self.parameter(parameter)
                 waiting += [leaf.data for leaf in leaves(piece.values[()].roots, "param")]
-        for parameter in self.graph.parameters:
-            if parameter.name in pieces:
-                self.found.add(pieces[parameter.name])
 
     def readers(self) -> dict[str, list[str]]:
         """The variables that are not there, and the instances that read them."""

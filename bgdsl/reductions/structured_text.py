@@ -133,15 +133,15 @@ class _Writer:
             yield from (f"  {line}" for e in self.graph.experiments for line in self.experiment(e))
         inside = [
             *statements(body.links, self.classes.shown, path, self.notes(kind)),
-            *(f"{self.classes.shown.text(left, path)} = {self.classes.text(value, path)};" for left, value in body.equations),
-            *(f"assert({self.classes.text(value, path)}, {_string(message)});" for message, value in body.lines),
+            *(f"{self.classes.shown.text(left, path)} = {self.classes.said(value, path)};" for left, value in body.equations),
+            *(f"assert({self.classes.said(value, path)}, {_string(message)});" for message, value in body.lines),
         ]
         if inside:
             yield "equation"
             yield from (f"  {line}" for line in inside)
         if body.starts:
             yield "initial equation"
-            yield from (f"  {self.classes.text(left, path)} = {self.classes.text(right, path)};" for left, right in body.starts)
+            yield from (f"  {self.classes.said(left, path)} = {self.classes.said(right, path)};" for left, right in body.starts)
         yield f"end {name};"
 
     def comment_of(self, kind: Kind) -> str:
@@ -174,7 +174,7 @@ class _Writer:
                 tree.put(steps, kind.given[None, EMPTY, (name, *steps)])
         arguments = list(tree.arguments())
         if piece.law is not None:
-            arguments.insert(0, f"{piece.law[0]} = {self.classes.text(piece.law[1], kind.members[0])}")
+            arguments.insert(0, f"{piece.law[0]} = {self.classes.said(piece.law[1], kind.members[0])}")
         each = "each " if array else ""
         arguments += [f"{each}{text}" for text in piece.fixed]
         value = kind.given.get((None, EMPTY, (name,)))
@@ -231,8 +231,7 @@ class _Writer:
             parts.append(f"window = {{{', '.join(map(_shown, experiment.window))}}}")
         for scalar, value in experiment.changes.items():
             if scalar in self.contents.readings:
-                text = self.classes.text(Value((value,)), "")
-                parts.append(f"{self.classes.shown.text(self.contents.readings[scalar][0], '')} = {text}")
+                parts.append(f"{self.classes.shown.text(self.contents.readings[scalar][0], '')} = {self.classes.said(Value((value,)), '')}")
         yield f"experiment {experiment.name}({', '.join(parts)}){_quoted(experiment.comment)};"
 
     # ---------------------------------------------------------------------------------------------------------- notes

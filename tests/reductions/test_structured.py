@@ -133,3 +133,59 @@ def rates_with(model: pipeline.Model, states: dict[str, float], changed: dict[st
     out = np.zeros(len(names))
     assert direct.rhs(0.0, np.array([states[name] for name in names]), np.zeros(0), out) == 0
     return dict(zip(names, out.tolist(), strict=True))
+
+
+def test_experiments_and_tables_of_parts_stay(tmp_path: Path) -> None:
+    (tmp_path / "ramp.csv").write_text("x,y\n0,0\n1,2\n2,3\n", "utf-8")
+    (tmp_path / "table.bg").write_text(
+        """model Springs
+  parameter Real stiffer = 7 "read by an experiment alone";
+  parameter Real i = 2 "a name that iterators have";
+  Spring s[3](k = {1, 2, 3});
+  J1 v[3];  I m[3](each I = 1, f(start = {1, 0.5, 0.25}));  R film(R = i*pi);
+  experiment soft(stopTime = 1, s[2].k = stiffer/2);
+equation
+  for j in 1:3 loop v[j] -> m[j];  v[j] -> s[j].a;  end for;
+  v[1] -> film;
+end Springs;
+
+model Spring
+  parameter Real k = 1;
+  parameter Table force = table("ramp.csv", x = "x", y = "y", kind = "linear");
+  port in Generic a;
+  C c(e = k*force(q));
+equation
+  a -> c;
+end Spring;
+""",
+        "utf-8",
+    )
+    model = pipeline.load(tmp_path / "table.bg", "Springs")
+    new = structured_text(model.scalar, everything(model.scalar, frozenset(), frozenset()), "", lambda _: "", folder=tmp_path)
+    for said in (
+        'force = table("ramp.csv"',
+        "s[2].k = stiffer/2",
+        "Spring s[3](k = {1, 2, 3})",
+        "R film(R = pi*i)",
+        "v[i] -> m[i], s[i].a;",
+    ):
+        assert said in new.text, new.text
+    (tmp_path / "new.bg").write_text(new.text, "utf-8")
+    assert [found for found in pipeline.check_file(tmp_path / "new.bg") if found.severity == "error"] == []
+    again = pipeline.load(tmp_path / "new.bg", "Springs")
+    states = random_states(model, random.Random(1))
+    assert rates(again, states) == pytest.approx(rates(model, states), rel=1e-12)
+    runs = [one.compile().simulate("soft", interval=0.1, tolerance=1e-9)["s[2].c.q"] for one in (model, again)]
+    assert runs[0] == pytest.approx(runs[1], rel=1e-6)
+
+
+def test_a_class_by_itself_is_no_mistake(tmp_path: Path) -> None:
+    for seed in range(3):
+        model = pipeline.loads(random_hierarchy(seed), "Net")
+        scalar, rng = model.scalar, random.Random(seed)
+        report = even_report(scalar)
+        decision = random_decision(scalar, report, rng)
+        found = partitions(scalar, dependencies(scalar, decision.dropped))
+        for part in write_partitions(scalar, report, Partitioning(decision, found), provenance(model, report, 0.5), "net")[:4]:
+            (tmp_path / part.file).write_text(part.text, "utf-8")
+            assert [d.message for d in pipeline.check_file(tmp_path / part.file) if d.severity == "error"] == []

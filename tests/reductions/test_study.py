@@ -177,3 +177,10 @@ def test_the_smallest_misfiring_engine_is_not_searched_again() -> None:
     assert again.search.trials == 0
     assert again.reduced is not None
     assert again.reduced.source == path.read_text("utf-8")
+
+
+def test_the_smallest_engine_with_ideal_joints_is_written_as_committed() -> None:
+    path = REDUCED / study.IDEAL_EIGHT
+    written = reduced(study.ideal_misfire(), reduction_of(path).choice, folder=REDUCED)
+    assert written.source == path.read_text("utf-8")
+    assert not written.decision.reinstated

@@ -7,7 +7,7 @@ Establishes  no class of bonds/one_way.bg is copied or cut through
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,21 +38,16 @@ class Part:
 
 def parts_of(writer: Writer) -> dict[str, Part]:
     """The parts that the model has, by path."""
-    shapes = {parameter.name: parameter.shape for parameter in writer.graph.parameters if parameter.name.endswith(".acts")}
+    given = {parameter.name: parameter for parameter in writer.graph.parameters if parameter.name.endswith(".acts")}
     found: dict[str, Part] = {}
     for instance in writer.graph.instances:
-        source = instance.class_span.source
-        if source.path is None or source.path.resolve() != ONE_WAY.resolve() or f"{instance.path}.acts" not in shapes:
+        source, acts = instance.class_span.source, given.get(f"{instance.path}.acts")
+        if acts is None or source.path is None or source.path.resolve() != ONE_WAY.resolve():
             continue
-        shape = (*shapes[f"{instance.path}.acts"], 1, 1)[:2]
-        values = iter(_values(writer, f"{instance.path}.acts", shapes[f"{instance.path}.acts"]))
-        found[instance.path] = Part(instance.class_name, [[next(values) for _ in range(shape[1])] for _ in range(shape[0])])
+        height, width = (*acts.shape, 1, 1)[:2]
+        values = [int(writer.numbers[name]) for name in acts.scalars()]
+        found[instance.path] = Part(instance.class_name, [values[i * width : (i + 1) * width] for i in range(height)])
     return found
-
-
-def _values(writer: Writer, name: str, shape: Sequence[int]) -> Iterator[int]:
-    parameter = next(p for p in writer.graph.parameters if p.name == name)
-    return (int(writer.numbers[scalar]) for scalar in parameter.scalars())
 
 
 def fold(task: Plan, parts: Mapping[str, Part], writer: Writer) -> tuple[Plan, dict[str, None]]:

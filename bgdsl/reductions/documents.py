@@ -60,7 +60,7 @@ class _Document:
         inlined, imported = self.closure()
         edits = [*self.file_edits(self.main), *more]
         edits += self.import_edits(imported)
-        edits += [Edit(_with_line(item.span), "") for item in self.main.tree.items if isinstance(item, ast.Test)]
+        edits += [Edit(self.with_comment(item), "") for item in self.main.tree.items if isinstance(item, ast.Test)]
         edits.append(self.annotated(annotation))
         text = apply_edits(self.main.source, edits).rstrip("\n") + "\n"
         for module, definition in inlined:
@@ -174,6 +174,14 @@ class _Document:
         if not texts:
             texts = [spliced(definition.span, self.table_edits(module, definition))]
         return self.comment_before(definition) + "\n\n".join(texts)
+
+    def with_comment(self, test: ast.Test) -> Span:
+        """A test, which is about the full model, with its lines and the comment lines right above it."""
+        own = _with_line(test.span)
+        source, number = test.span.source, own.line
+        while number > 1 and source.line(number - 1).startswith("//"):
+            number -= 1
+        return Span(source, min(own.start, source.line_starts[number - 1]), own.end)
 
     def comment_before(self, definition: ast.Definition) -> str:
         """The comment lines right above a definition go with it."""

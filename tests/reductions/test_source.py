@@ -242,3 +242,28 @@ end Named;
     assert "pull: " in result.text
     again = recompiled(result.text)
     assert [record.name for record, _ in again.program.outputs] == ["force"]
+
+
+def test_tests_of_the_full_model_go_with_their_comments() -> None:
+    _, result = reduced(
+        f"""{PART}
+model One "a cell"
+  Cell a(mass(f(start = 1)));
+  J0 f;  C tie(k = 1);
+equation
+  a.v -> f;  f -> tie;
+end One;
+
+// A cell swings.
+// It does so for long.
+test "it moves"
+  run r = One for 1;
+  assert r.a.v.f(0) == 1 +- 1e-9;
+end;
+"""
+    )
+    assert result.specialised == {}
+    assert "swings" not in result.text
+    assert "for long" not in result.text
+    assert "test " not in result.text
+    assert "// A mass on a spring, with a drag that may be weak." in result.text

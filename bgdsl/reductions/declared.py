@@ -49,13 +49,15 @@ class Declared:
         for item in model.items:
             match item:
                 case ast.Declaration():
+                    for declarator in item.declarators:
+                        edits += self.redeclared_in(declarator.arguments, item, own=False)
                     edits = self.declaration(item, edits)
                 case ast.Redeclaration():
                     edits += self.redeclaration(item)
                 case ast.Extends():
                     if id(item) in variant.bases and variant.bases[id(item)].renamed:
                         edits.append(Edit(item.base.span, variant.bases[id(item)].name))
-                    edits += self.redeclared_in(item, item.arguments, item)
+                    edits += self.redeclared_in(item.arguments, item)
         if variant.inserted:
             edits.append(self.new_parts())
         return edits + (self.renaming() if variant.renamed else [])
@@ -200,10 +202,11 @@ class Declared:
         comments = self.comments(id(item), item.name, base)
         return [*edits, self.above(item.span, comments)] if comments else edits
 
-    def redeclared_in(self, item: ast.Node, arguments: Iterable[ast.Argument], clause: ast.Extends) -> list[Edit]:
-        """Redeclarations among the modifications of an `extends` clause; elements that differ are redeclared by items after it."""
+    def redeclared_in(self, arguments: Iterable[ast.Argument], clause: ast.Extends | ast.Declaration, own: bool = True) -> list[Edit]:
+        """Redeclarations among the modifications of an `extends` clause; elements that differ are redeclared by items after it. own: of
+        a declaration they are a part's, and cannot be told apart here."""
         edits: list[Edit] = []
-        stack = [(argument, True) for argument in arguments]
+        stack = [(argument, own) for argument in arguments]
         while stack:
             argument, own = stack.pop()
             if isinstance(argument, ast.Modifier):

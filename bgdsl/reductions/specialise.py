@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from bgdsl.reductions.source_map import ClassText, Site, SourceMap
+from bgdsl.reductions.source_map import ClassText, Site, SourceMap, UnwritableError
 from bgdsl.reductions.statements import ClassEdits, Index, NewPart
 from bgdsl.source import Edit
 
@@ -127,7 +127,9 @@ def _variant(
     inserted = changes.inserted if changes else {}
     parts: dict[int, dict[Index, Variant]] = defaultdict(dict)
     for node, index, child in named:
-        parts[node][index] = found[child, texts.class_of(child).key]
+        made = found[child, texts.class_of(child).key]
+        if parts[node].setdefault(index, made) is not made:
+            raise UnwritableError((), f"the elements that are redeclared from outside differ: `{child}`")
     bases = {id(clause): found[path, base.key] for clause, base in texts.bases(unit)}
     key = (
         unit.key,

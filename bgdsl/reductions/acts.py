@@ -111,6 +111,8 @@ def _settle(
         free = [path for path in variant.paths if path not in said_further_out]
         even = [path for path in free if path not in odd]
         common = _most_common([by_path.get(path, {}) for path in even or free]) if free else {}
+        if free and not even:
+            common = _all_both_ways(variant, node) or common
         given.of[id(variant), node] = common
         given.by[id(variant), node] = [path for path in variant.paths if by_path.get(path, {}) == common]
         for path in variant.paths:
@@ -121,6 +123,15 @@ def _settle(
                     full = (*way[node], *names)
                     if full in given.whole[path]:
                         pending.setdefault(path, {})[full] = given.whole[path][full]
+
+
+def _all_both_ways(variant: Variant, node: Node) -> dict[Index, Tree]:
+    """What a class says of its own matrix where no instance has the sizes that the class has by itself: nothing was dropped."""
+    for item in variant.unit.model.items:
+        if isinstance(item, ast.Declaration) and any(id(d) == node and not d.dims for d in item.declarators) and item.type.dims:
+            rows, columns = item.type.dims[0].span.text, item.type.dims[-1].span.text
+            return {(): {(): {(): f"2*ones({rows}, {columns})"}}}
+    return {}
 
 
 def _taken_out(

@@ -312,7 +312,7 @@ def selections(indices: Sequence[Index]) -> list[str]:
 
 def matrix(acts: Acts) -> str:
     """As the language writes it: `[2, 1; -1, 2]`, `{2, 1}` for a bond, a number for a scalar."""
-    if isinstance(acts, int):
+    if isinstance(acts, int | str):
         return str(acts)
     if acts and isinstance(acts[0], tuple):
         return f"[{'; '.join(', '.join(map(str, row)) for row in acts if isinstance(row, tuple))}]"

@@ -40,8 +40,9 @@ ALL: Turn = (-1,)
 Index = tuple[int, ...]
 """Subscripts of an element of an array, from 1; () of what is no array."""
 
-Acts = int | tuple[int, ...] | tuple[tuple[int, ...], ...]
-"""What is left of a scalar two-port, a bond (by component) or a matrix (by row): 2 both ways, 1 forth, -1 back, 0 nothing."""
+Acts = int | tuple[int, ...] | tuple[tuple[int, ...], ...] | str
+"""What is left of a scalar two-port, a bond (by component) or a matrix (by row): 2 both ways, 1 forth, -1 back, 0 nothing. Or an
+expression for it, where the sizes are not known by number."""
 
 Node = int | str
 """A declarator or a redeclaration (by id), or the name of a part of a bond that was put in."""

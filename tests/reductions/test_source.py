@@ -187,6 +187,38 @@ def test_redeclared_elements_whose_values_cannot_be_told_apart_are_written_anew(
     assert result.reasons == ("the elements of `part` differ, whose values are not given one by one where they are redeclared",)
 
 
+ODD = """model Turn
+  parameter Integer n = 2;  parameter Real d = 1;
+  port in Generic[2] v;  port out Generic[n] p;
+  J1[2] rate;  R[2] drag(R = d*identity(2));
+  MTF[n, 2] axes;
+equation
+  v => rate;  rate => drag;  rate => axes => p;
+end Turn;
+
+model Pair
+  J1[2] body;  I[2] mass(I = identity(2), f(start = {1, 1}));
+  Turn both(axes(T = [1, 1e-4; 1e-4, 1])), one(n = 1, d = 1e-6, axes(T = [1, 1e-4]));
+  J0[2] far;  C[2] spring(k = 10*identity(2));
+  J0[1] near;  C[1] soft(k = [10]);
+equation
+  body => mass;  body => both.v;  body => one.v;
+  both.p => far;  far => spring;  one.p => near;  near => soft;
+end Pair;
+"""
+
+
+def test_a_copy_whose_instances_have_other_sizes_than_its_class_is_right_by_itself(tmp_path: Path) -> None:
+    _, result = reduced(ODD, 1e-3)
+    assert not result.opened
+    assert "PartTF axes(acts = [2, 0; 0, 2]);" in result.text
+    assert "PartTF axes(acts = 2*ones(n, 2));" in result.text
+    assert "Turn_one one(n = 1, d = 1e-6, axes(T = [1, 1e-4], acts = [2, 0]));" in result.text
+    file = tmp_path / "pair.bg"
+    file.write_text(result.text, "utf-8")
+    assert [found.message for found in pipeline.check_file(file) if found.severity == "error"] == []
+
+
 def test_files_beside_the_model_are_copied_in(tmp_path: Path) -> None:
     (tmp_path / "cells.bg").write_text(PART, "utf-8")
     main = "import cells.Cell;\n\nmodel One\n  Cell a(mass(f(start = 1)));\n  J0 f;  C tie(k = 1);\n"

@@ -118,7 +118,7 @@ def test_what_one_part_reads_another_gives(folder: Path) -> None:
         given |= set(entry["outputs"])
 
 
-@pytest.mark.parametrize("path", sorted(REDUCED.glob("*/*.bg")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(REDUCED.rglob("*.bg")), ids=lambda path: path.stem)
 def test_what_is_committed_checks_without_errors(path: Path) -> None:
     """All classes of the file, each by itself, as `bgc check` does it."""
     assert [found.message for found in pipeline.check_file(path) if found.severity == "error"] == []

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bgdsl.accuracy import Comparison
     from bgdsl.ir.activity import ActivityReport
     from bgdsl.reduce import Measured, Partitioned, Reduced
-    from bgdsl.reductions.search import Search
+    from bgdsl.reductions.search import Candidate, Search
     from bgdsl.searching import Searched
 
 Threshold = Annotated[str | None, typer.Option("--threshold", metavar="EPS", help="Terms of lower relative activity fall: 0.003 or 0.3%.")]
@@ -240,7 +240,7 @@ def _search_told(result: Searched, allowed: float, output: Path) -> None:
         return
     lines = [("full", "0", "0", str(full.states), "0 %", "")]
     for candidate in search.tried:
-        mark = "<- written" if candidate is search.best else "" if candidate.error <= allowed else "too much"
+        mark = _mark(candidate, search.best, allowed)
         counts = (str(candidate.dropped), str(candidate.spared), str(candidate.states))
         lines.append((_percent(candidate.threshold), *counts, _percent(candidate.error), mark))
     console.out(console.table(("threshold", "dropped", "spared", "states", "error", ""), lines, right=range(5)))
@@ -257,6 +257,15 @@ def _search_told(result: Searched, allowed: float, output: Path) -> None:
         console.message(f"tried at a looser tolerance its error was {_percent(search.best.error)}")
     console.out(_accuracy(result.accuracy))
     console.out(_saved(result.accuracy))
+
+
+def _mark(candidate: Candidate, best: Candidate | None, allowed: float) -> str:
+    """What became of a candidate, where its line alone does not say it."""
+    if candidate is best:
+        return "<- written"
+    if candidate.error > allowed:
+        return "too much"
+    return "" if best is not None and candidate.dropped <= best.dropped else "not so when written"
 
 
 def _costly(report: ActivityReport, search: Search) -> str:

@@ -159,7 +159,7 @@ def _lifted(value: Any, part: ParameterPart) -> Value:
         return const(float(value))
     numbers = _numbers(value)
     if numbers is None:
-        raise Fault(TYPE, f"`{value}` is no array of numbers for `{part.name}`", part.origin.span, "declared here")
+        raise Fault(TYPE, f"`{_as_written(value)}` is no array of numbers for `{part.name}`", part.origin.span, "declared here")
     return array_of([const(number) for number in numbers.flat], numbers.shape)
 
 
@@ -176,9 +176,16 @@ def given_numbers(value: Any, name: str, shape: tuple[int, ...], span: Span) -> 
     """A value from outside as the entries of an array of this shape; one number fills it."""
     numbers = _numbers(value)
     if numbers is None or numbers.shape not in ((), shape):
-        wanted = f"{shown_shape(shape)} of numbers" if shape else "a number"
-        raise Fault(TYPE, f"`{name}` is {wanted}, its value is `{value}`", span, "declared here")
+        wanted = shown_shape(shape) if shape else "a number"
+        raise Fault(TYPE, f"`{name}` is {wanted}, its value is `{_as_written(value)}`", span, "declared here")
     return tuple(const(number) for number in np.broadcast_to(numbers, shape).flat)
+
+
+def _as_written(value: Any) -> str:
+    """A value from outside in the language's notation."""
+    if isinstance(value, tuple | list):
+        return f"{{{', '.join(map(_as_written, value))}}}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _overridden(build: Build, part: ParameterPart, value: Value) -> Value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from bgdsl.source import Source, said
 
 MOST_STEPS = 30
 """A reduced model that takes so many times the steps of the full one is not run to its end."""
+
+ROUND_OFF = 1e-13
 
 NOTHING_TO_COMPARE = Code("BG743", "two models have no output in common")
 
@@ -60,7 +62,9 @@ def compare(
     common = _common(full, reduced, outputs, window)
     shafts = None if shaft is None else _shafts(common, shaft, cycles, revolutions)
     rows = [
-        compare_output(name, full.units.get(name, ""), common.time, one, other, harmonics=harmonics, shafts=shafts)
+        compare_output(
+            name, full.units.get(name, ""), common.time, one, other, harmonics=harmonics, shafts=shafts, least=common.round_off(name)
+        )
         for name, one, other in common.signals()
         if name != shaft
     ]
@@ -71,7 +75,8 @@ def worst_error(full: Played, reduced: Played, *, window: tuple[float, float] | 
     """`compare(...).worst`, without the rest of the comparison."""
     common = _common(full, reduced, None, window)
     shafts = None if shaft is None else _shafts(common, shaft, 1, 1.0)
-    return max((errors(common.time, one, other, shafts)[0] for name, one, other in common.signals() if name != shaft), default=0.0)
+    found = (errors(common.time, one, other, shafts, common.round_off(name))[0] for name, one, other in common.signals() if name != shaft)
+    return max(found, default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +88,24 @@ class _Common:
     names: tuple[str, ...]
     inside: Any
     time: Any
+    largest: Mapping[str, float]
+    """The largest value of the full run's signals of each unit."""
 
     def signals(self) -> Iterator[tuple[str, Any, Any]]:
         """Name, full and reduced values (n,)."""
         for name in self.names:
             yield name, self.full.signals[name][self.inside], at(self.time, self.reduced, name)
 
+    def round_off(self, name: str) -> float:
+        """Below this a signal is no signal: a share of the largest of its unit. A sum that is zero by the model's own equations is
+        computed as some 1e-16 of its terms, and an error is no share of that."""
+        return ROUND_OFF * self.largest[self.full.units.get(name, "")]
+
 
 def _common(full: Played, reduced: Played, outputs: Sequence[str] | None, window: tuple[float, float] | None) -> _Common:
     """BG743 where there is nothing."""
+    import numpy as np
+
     wanted = full.signals if outputs is None else _spread(full, outputs)
     names = tuple(name for name in full.signals if name in reduced.signals and name in wanted)
     start, stop = window or (full.time[0], full.time[-1])
@@ -108,7 +122,11 @@ def _common(full: Played, reduced: Played, outputs: Sequence[str] | None, window
             said(reduced.name),
             notes=(f"the full model has {', '.join(list(full.signals)[:8])}", f"the reduced one {', '.join(list(reduced.signals)[:8])}"),
         )
-    return _Common(full, reduced, names, inside, time)
+    largest: dict[str, float] = {}
+    for name, values in full.signals.items():
+        unit = full.units.get(name, "")
+        largest[unit] = max(largest.get(unit, 0.0), float(np.abs(values[inside]).max()))
+    return _Common(full, reduced, names, inside, time, largest)
 
 
 def _shafts(common: _Common, shaft: str, cycles: int, revolutions: float) -> tuple[Shaft, Shaft]:

@@ -90,10 +90,12 @@ def compare_output(
     *,
     harmonics: int = 3,
     shafts: tuple[Shaft, Shaft] | None = None,
+    least: float = 0.0,
 ) -> OutputComparison:
     """Compare two signals at the same times. shafts: of the full and of the reduced run, each with its own angle; RMS and peak error
-    are then taken at equal angles, so that a speed that is a little off is told as what it is and not as an error of all signals."""
-    nrms, peak = errors(time, full, reduced, shafts)
+    are then taken at equal angles, so that a speed that is a little off is told as what it is and not as an error of all signals.
+    least: what is smaller than this is round-off; errors are no shares of it."""
+    nrms, peak = errors(time, full, reduced, shafts, least)
     if shafts is None:
         pairs = _by_frequency(time, full, reduced, harmonics)
         mean = _mean(time, full), _mean(time, reduced)
@@ -102,15 +104,17 @@ def compare_output(
     return OutputComparison(name, unit, mean, pairs, nrms, peak)
 
 
-def errors(time: Floats, full: Floats, reduced: Floats, shafts: tuple[Shaft, Shaft] | None = None) -> tuple[float, float]:
+def errors(
+    time: Floats, full: Floats, reduced: Floats, shafts: tuple[Shaft, Shaft] | None = None, least: float = 0.0
+) -> tuple[float, float]:
     """Normalised RMS and peak error, as in `OutputComparison`; at equal angles of the shafts if there are any."""
     import numpy as np
 
     difference = reduced - full if shafts is None else _at_angles(shafts, reduced) - full
     swing = full - _mean(time, full)
     size = _rms(time, swing)
-    size = size if size > 1e-12 * _rms(time, full) else _rms(time, full)
-    height = float(np.abs(swing).max()) or float(np.abs(full).max())
+    size = max(least, size if size > 1e-12 * _rms(time, full) else _rms(time, full))
+    height = max(least, float(np.abs(swing).max()) or float(np.abs(full).max()))
     nrms = _rms(time, difference) / size if size else float(_rms(time, difference) > 0)
     return nrms, float(np.abs(difference).max()) / height if height else float(np.abs(difference).max() > 0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -67,3 +68,26 @@ def test_a_folder_that_holds_no_partitions(reduced: Path, capsys: pytest.Capture
     if text is not None:
         Path("parts/partition.json").write_text(text)
     assert refused(capsys, "BG745", "compare", "lever_stiff.bg", "parts", "-e", "kick")
+
+
+ZERO = """model Zero "a gear whose speeds obey their ratio"
+  J1 a;  I ma(I = 2, f(start = 1));  C ka(k = 100);  R ra(R = 1e-4);
+  TF gear(m = 3.1);
+  J1 b;  I mb(I = 0.1);  R rb(R = 0.2);
+  output Real speed = a.f;
+  output Real zero = b.f - 0.7*a.f - 2.4*a.f;
+  experiment swing(stopTime = 5);
+equation
+  a -> ma, ka, ra;  a -> gear -> b;  b -> mb, rb;
+end Zero;
+"""
+
+
+def test_what_is_zero_but_for_round_off_has_no_error_of_its_own(reduced: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("zero.bg").write_text(ZERO)
+    assert run(["condition", "zero.bg", "--threshold", "1%", "-o", "small.bg"]) == 0
+    capsys.readouterr()
+    assert run(["compare", "zero.bg", "small.bg", "--format", "json"]) == 0
+    rows = {row["output"]: row["nrms"] for row in json.loads(capsys.readouterr().out)["reduced"][0]["outputs"]}
+    assert 0 < rows["speed"] < 1e-3
+    assert rows["zero"] < 1e-2

@@ -2,12 +2,16 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bgdsl import pipeline
 from bgdsl.accuracy import compare
+from bgdsl.diagnostics import Reporter
+from bgdsl.passes.weights import weights_in
 from bgdsl.playback import play
 from bgdsl.reduce import Measured, Partitioned, Scenario, condition, decision_for, measure, partition, reduced, tidy
 from bgdsl.reductions.provenance import Choice
@@ -168,6 +172,33 @@ def test_the_smallest_misfiring_engine_is_written_as_committed_and_keeps_its_pro
     whole, run = (play(file, Scenario("misfire_settled")) for file in (ROOT / "models" / "engine.bg", path))
     found_error = compare(whole, run, outputs=[*study.FORCES, "crank_angle"], window=found.report.window, shaft="crank_angle").worst
     assert 0.0 < found_error <= study.ALLOWED
+
+
+def derivatives(system: pipeline.System, states: dict[str, float]) -> np.ndarray:
+    """der(x) (n,) of a compiled model, in the order of `states`."""
+    names = [state.name for state in system.states]
+    found = np.empty(len(names))
+    system.native.rhs(0.0, np.array([states[name] for name in names]), np.empty(0), found)
+    by_name = dict(zip(names, found, strict=True))
+    return np.array([by_name[name] for name in states])
+
+
+@pytest.mark.parametrize("file", ["engine_misfire_conditioned.bg", study.EIGHT])
+def test_the_conditioned_engine_has_the_full_ones_equations_less_the_dropped_terms(file: str) -> None:
+    """The text, compiled, against the full model with weights of zero on these terms, which no text was written for."""
+    found = study.measured("engine.bg", "Engine", "misfire_settled")
+    dropped = decision_for(found, reduction_of(REDUCED / file).choice).dropped
+    less = replace(found.model, weighed=dropped, report=Reporter())
+    assert frozenset(weights_in(less.causal.scalar)) == dropped
+    written, deleted, full = pipeline.load(REDUCED / file).compile(), less.compile(), found.model.compile()
+    random = np.random.default_rng(1)
+    for state in found.run.trajectory.states[::500]:
+        at = state * (1 + 0.01 * random.normal(size=len(state))) + 1e-9 * random.normal(size=len(state))
+        states = dict(zip((state.name for state in full.states), at.tolist(), strict=True))
+        ours, theirs, whole = (derivatives(system, states) for system in (written, deleted, full))
+        nothing = 1e-10 * (np.abs(theirs) + np.abs(whole)) + 1e-16 * np.abs(whole).max()
+        assert (np.abs(ours - theirs) <= nothing).all()
+        assert (np.abs(theirs - whole) > 1e3 * nothing).sum() > 20  # and they do matter
 
 
 def test_the_smallest_misfiring_engine_is_not_searched_again() -> None:

@@ -192,13 +192,15 @@ def test_the_conditioned_engine_has_the_full_ones_equations_less_the_dropped_ter
     assert frozenset(weights_in(less.causal.scalar)) == dropped
     written, deleted, full = pipeline.load(REDUCED / file).compile(), less.compile(), found.model.compile()
     random = np.random.default_rng(1)
+    moved = np.zeros(len(full.states), dtype=bool)
     for state in found.run.trajectory.states[::500]:
         at = state * (1 + 0.01 * random.normal(size=len(state))) + 1e-9 * random.normal(size=len(state))
         states = dict(zip((state.name for state in full.states), at.tolist(), strict=True))
         ours, theirs, whole = (derivatives(system, states) for system in (written, deleted, full))
         nothing = 1e-10 * (np.abs(theirs) + np.abs(whole)) + 1e-16 * np.abs(whole).max()
         assert (np.abs(ours - theirs) <= nothing).all()
-        assert (np.abs(theirs - whole) > 1e3 * nothing).sum() > 20  # and they do matter
+        moved |= np.abs(theirs - whole) > 1e6 * nothing
+    assert moved.sum() > 50  # what was dropped does matter somewhere
 
 
 def test_the_smallest_misfiring_engine_is_not_searched_again() -> None:

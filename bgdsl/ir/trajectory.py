@@ -48,13 +48,12 @@ class Statistics:
 class Integrals:
     """Integrals over the window, one per integrand, with an estimate of their own quadrature error (same units).
 
-    smallest, largest: of each integrand at the places where it was evaluated.
+    largest: value of each integrand at the places where it was evaluated.
     """
 
     window: tuple[float, float]
     values: Floats
     errors: Floats
-    smallest: Floats
     largest: Floats
     evaluations: int = 0
 

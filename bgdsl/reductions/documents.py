@@ -16,7 +16,7 @@ from bgdsl.reductions.again import ONE_WAY
 from bgdsl.reductions.declared import Declared, Tell, spliced
 from bgdsl.reductions.source_map import ClassText, SourceMap, UnwritableError, walk
 from bgdsl.reductions.specialise import Variant, Variants
-from bgdsl.reductions.statements import _with_line
+from bgdsl.reductions.statements import with_line
 from bgdsl.source import Edit, Source, Span, apply_edits
 from bgdsl.syntax import ast
 from bgdsl.syntax.library import Library, Module
@@ -177,7 +177,7 @@ class _Document:
 
     def with_comment(self, test: ast.Test) -> Span:
         """A test, which is about the full model, with its lines and the comment lines right above it."""
-        own = _with_line(test.span)
+        own = with_line(test.span)
         source, number = test.span.source, own.line
         while number > 1 and source.line(number - 1).startswith("//"):
             number -= 1
@@ -226,7 +226,7 @@ class _Document:
                 lines += [self.import_text(path, [(name, name) for name in some]) for path, some in new.items()]
             if len(lines) == 1 and names == list(item.names):
                 continue
-            edits.append(Edit(item.span, "\n".join(lines)) if lines else Edit(_with_line(item.span), ""))
+            edits.append(Edit(item.span, "\n".join(lines)) if lines else Edit(with_line(item.span), ""))
         if new and not items:
             at = self.main.tree.items[0].span.start
             lines = [self.import_text(path, [(name, name) for name in some]) for path, some in new.items()]

@@ -144,7 +144,7 @@ class ClassEdits:
         if len(gone) == len(item.declarators):
             if new:
                 return [Edit(span, separator.join(new))]
-            return [Edit(_with_line(span), "")]
+            return [Edit(with_line(span), "")]
         edits = _without(item, self.removed)
         if new:
             edits.append(Edit(Span(source, span.end, span.end), "".join(separator + text for text in new)))
@@ -166,7 +166,7 @@ class ClassEdits:
             return [_replacement(outer.span, lines)]
         end = Span(outer.span.source, outer.span.end, outer.span.end)
         indent = indent_at(outer.span.source, outer.span.start)
-        return [Edit(_with_line(statement.span), ""), Edit(end, "".join(f"\n{indent}{line}" for line in lines))]
+        return [Edit(with_line(statement.span), ""), Edit(end, "".join(f"\n{indent}{line}" for line in lines))]
 
 
 def _in_place(place: Place, lines: Sequence[str]) -> list[Edit]:
@@ -178,7 +178,7 @@ def _in_place(place: Place, lines: Sequence[str]) -> list[Edit]:
         if len(loop.body) > 1:
             break
         span = loop.span
-    return [Edit(_with_line(span), "")]
+    return [Edit(with_line(span), "")]
 
 
 def merged(every: Mapping[Link, LinkEdit], own: Mapping[Link, LinkEdit], env: Mapping[str, int]) -> dict[Link, LinkEdit]:
@@ -296,7 +296,7 @@ def _without(item: ast.Declaration, removed: set[int]) -> list[Edit]:
     return edits
 
 
-def _with_line(span: Span) -> Span:
+def with_line(span: Span) -> Span:
     """The span, with its whole line where nothing else stands on it, else with the blanks that follow."""
     text = span.source.text
     start = text.rfind("\n", 0, span.start) + 1

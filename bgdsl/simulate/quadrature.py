@@ -44,7 +44,9 @@ class Quadrature:
     def __init__(self, model: CompiledModel, expressions: Sequence[Expr], window: tuple[float, float], inputs: InputSignals):
         import numpy as np
 
-        signed = tuple(e.args[0] if e.op == "abs" else e for e in expressions)
+        order = sorted(range(len(expressions)), key=lambda k: expressions[k].op != "abs")  # as the kernels want them
+        self._places = np.argsort(order)
+        signed = tuple(expressions[k].args[0] if expressions[k].op == "abs" else expressions[k] for k in order)
         count = len(signed)
         self._signed = signed
         self.kernel = model.evaluator(signed)
@@ -52,15 +54,14 @@ class Quadrature:
         self.parts = 4
         self._inputs = inputs
         self._arrays: dict[str, Any] = {
-            "absolute": np.array([e.op == "abs" for e in expressions], dtype=np.uint8),
             "totals": np.zeros(count),
             "errors": np.zeros(count),
-            "smallest": np.full(count, np.inf),
             "largest": np.full(count, -np.inf),
-            **{f"v{i}": np.zeros(count) for i in range(4)},
+            **{name: np.zeros(count) for name in ("added", "doubts", "v0", "v1", "v2", "v3")},
         }
         self._values = np.zeros(count)
-        self.record = Sums(terms=count, **{name: array.ctypes.data for name, array in self._arrays.items()})
+        absolutes = sum(e.op == "abs" for e in expressions)
+        self.record = Sums(terms=count, absolutes=absolutes, **{name: array.ctypes.data for name, array in self._arrays.items()})
         self._absorb: Any = KERNELS.function("absorb")
 
     def take(self, stepper: LastStep) -> None:
@@ -102,5 +103,5 @@ class Quadrature:
         self.record.known = 0
 
     def result(self) -> Integrals:
-        copies = {name: self._arrays[name].copy() for name in ("errors", "smallest", "largest")}
-        return Integrals(self.window, self._arrays["totals"].copy(), **copies, evaluations=int(self.record.evaluations))
+        values, errors, largest = (self._arrays[name][self._places] for name in ("totals", "errors", "largest"))
+        return Integrals(self.window, values, errors, largest, evaluations=int(self.record.evaluations))

@@ -124,9 +124,8 @@ def test_integrals_of_absolute_cubics_are_exact() -> None:
     """The sums integrate the cubic through four nodes exactly, split at its root, whatever the distances."""
     times = [0.0, 0.3, 0.7, 1.2, 1.5]
     count = 1
-    arrays = {name: np.zeros(count) for name in ("totals", "errors", "smallest", "largest", "v0", "v1", "v2", "v3")}
-    kind = np.ones(count, dtype=np.uint8)
-    sums = Sums(terms=count, absolute=kind.ctypes.data, **{name: array.ctypes.data for name, array in arrays.items()})
+    arrays = {name: np.zeros(count) for name in ("totals", "errors", "largest", "added", "doubts", "v0", "v1", "v2", "v3")}
+    sums = Sums(terms=count, absolutes=count, **{name: array.ctypes.data for name, array in arrays.items()})
     for t in times:
         ctypes.cast(sums.v3, ctypes.POINTER(ctypes.c_double))[0] = (t - 0.5) * (t + 1) * (t - 2)
         KERNELS.function("absorb")(ctypes.addressof(sums), t)
